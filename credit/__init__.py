@@ -1,0 +1,31 @@
+"""credit: reinforcement learning when rewards come late.
+
+Example:
+    >>> import credit
+    >>> result = credit.run(["experiment=advertiser", "method=disagreement", "replicas=5"])
+    >>> result.metrics["regret/cumulative"].mean()
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from credit.loading import Run, load
+    from credit.run import Result, compose, run
+
+__all__ = ["Result", "Run", "compose", "load", "run"]
+_HOMES = {"compose": "run", "load": "loading", "Result": "run", "Run": "loading", "run": "run"}
+
+
+def __getattr__(name: str) -> Any:
+    """Import on first use, so that `credit --help` and the uploader do not wait for torch."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'credit' has no attribute {name!r}")
+    import importlib
+
+    value = getattr(importlib.import_module(f"credit.{_HOMES[name]}"), name)
+    globals()[name] = value  # importing credit.run has bound the module under that name
+    return value

@@ -1,0 +1,136 @@
+"""What optimism adds to the mixed reward: pure equations on [R, N] and the components that carry their scales."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+
+from credit.interfaces import Bonus, RewardModel
+from credit.rewards.linear import LinearModel
+from credit.streams import Stream
+from credit.types import NonNegative, Positive, Problem, Recovery
+
+
+def shrink(visits: Tensor, lambda_visits: float) -> Tensor:
+    """1/√(λ + N(s, a)), the decay that all count-scaled bonuses share."""
+    return (lambda_visits + visits).rsqrt()
+
+
+def best_error(mse: Tensor, best: Tensor) -> Tensor:
+    """√MSE of the locally best model, (17) and (33): mse [..., M, N], best [..., N]."""
+    return mse.gather(-2, best.unsqueeze(-2)).squeeze(-2).sqrt()
+
+
+def disagreement_signal(mse: Tensor, disagreement: Tensor, best: Tensor) -> Tensor:
+    """e(s, a) of (18): √MSE_ref where the reference is locally best, √Δ̂² of the best surrogate elsewhere.
+
+    Args:
+        mse: [..., M, N], the reference first. disagreement: Δ̂² [..., M−1, N]. best: [..., N], 0 is the reference.
+    """
+    choices = torch.cat([mse[..., :1, :], disagreement], dim=-2)
+    return choices.gather(-2, best.unsqueeze(-2)).squeeze(-2).sqrt()
+
+
+class Count(Bonus):
+    """The count bonus c/√(λ + N(s, a)) of (17) and (19).
+
+    Args:
+        scale: c_base.
+        lambda_visits: λ added to the visits.
+    """
+
+    domain: ClassVar = "tabular"
+
+    def __init__(self, scale: NonNegative = 0.35, lambda_visits: Positive = 1.0) -> None:
+        self.scale = scale
+        self.lambda_visits = lambda_visits
+
+    def __call__(self, recovery: Recovery, reference: RewardModel) -> Tensor:
+        """c/√(λ + N)."""
+        return self.scale * shrink(recovery.visits, self.lambda_visits)
+
+
+class LocalMSE(Bonus):
+    """Uncertainty of the locally best model, c·√MSE_j*/√(λ + N) (17), (31); with the reference alone it is (30).
+
+    Args:
+        scale: c_mse.
+        lambda_visits: λ added to the visits.
+    """
+
+    domain: ClassVar = "tabular"
+
+    def __init__(self, scale: NonNegative = 1.0, lambda_visits: Positive = 1.0) -> None:
+        self.scale = scale
+        self.lambda_visits = lambda_visits
+
+    def __call__(self, recovery: Recovery, reference: RewardModel) -> Tensor:
+        """Equation (17), last term."""
+        return self.scale * best_error(recovery.mse, recovery.best) * shrink(recovery.visits, self.lambda_visits)
+
+
+class Disagreement(Bonus):
+    """Reference uncertainty or reference–surrogate disagreement, c·e/√(λ + N) (18), (19), (32).
+
+    Args:
+        scale: c_dis.
+        lambda_visits: λ added to the visits.
+    """
+
+    domain: ClassVar = "tabular"
+
+    def __init__(self, scale: NonNegative = 1.0, lambda_visits: Positive = 1.0) -> None:
+        self.scale = scale
+        self.lambda_visits = lambda_visits
+
+    def __call__(self, recovery: Recovery, reference: RewardModel) -> Tensor:
+        """Equation (19), last term."""
+        signal = disagreement_signal(recovery.mse, recovery.disagreement, recovery.best)
+        return self.scale * signal * shrink(recovery.visits, self.lambda_visits)
+
+
+class Elliptical(Bonus):
+    """The width of the ridge confidence set, c·σ·√(φᵀV⁻¹φ): what the proof of theorem 1 bounds (38), (39).
+
+    Args:
+        scale: c.
+        noise: σ, standard deviation of a label's noise, in units of reward.
+    """
+
+    needs: ClassVar = {"reference": LinearModel}
+
+    def __init__(self, scale: NonNegative = 1.0, noise: Positive = 0.2) -> None:
+        self.scale = scale
+        self.noise = noise
+
+    def __call__(self, recovery: Recovery, reference: RewardModel) -> Tensor:
+        """c·σ·√(φᵀV⁻¹φ)."""
+        assert isinstance(reference, LinearModel)
+        return self.scale * self.noise * reference.leverage().sqrt()
+
+
+class Thompson(Bonus):
+    """A posterior draw in place of a bonus: adds Φ(θ̃ − θ̂) with θ̃ ~ N(θ̂, v²V⁻¹), drawn anew at every refit.
+
+    Args:
+        scale: v, in units of reward.
+    """
+
+    needs: ClassVar = {"reference": LinearModel}
+
+    def __init__(self, scale: NonNegative = 0.2) -> None:
+        self.scale = scale
+
+    def start(self, problem: Problem) -> None:
+        """Remember the replicas; the stream is made when the number of features is known."""
+        self._problem = problem
+        self._stream: Stream | None = None
+
+    def __call__(self, recovery: Recovery, reference: RewardModel) -> Tensor:
+        """v·Φ V^{-1/2} z."""
+        assert isinstance(reference, LinearModel)
+        if self._stream is None:
+            self._stream = Stream(self._problem, "thompson", "normal", reference.theta.shape[-1])
+        return self.scale * reference.perturbation(self._stream.next())

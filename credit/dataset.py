@@ -1,0 +1,54 @@
+"""All labelled windows so far, in one growing block of memory."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from credit.types import Problem, Windows
+
+
+class Dataset:
+    """Windows and labels of R replicas; `new` are those of the last append, `windows` all of them.
+
+    Args:
+        problem: gives R, T and the device.
+        capacity: windows to reserve room for; it grows when that is not enough.
+    """
+
+    def __init__(self, problem: Problem, capacity: int) -> None:
+        shape = (problem.replicas, max(capacity, 1), problem.window)
+        make = lambda dtype, *s: torch.empty(*s, dtype=dtype, device=problem.device)  # noqa: E731
+        self._steps = [make(torch.int64, *shape) for _ in range(3)]
+        self._labels = make(torch.float64, *shape[:2])
+        self._count = 0
+        self.new: Windows
+
+    def __len__(self) -> int:
+        return self._count
+
+    def append(self, windows: Windows) -> None:
+        """Add windows [R, K, T]; they are `new` until the next append."""
+        start, stop = self._count, self._count + windows.labels.shape[1]
+        if stop > self._labels.shape[1]:
+            self._steps = [_grow(block, stop) for block in self._steps]
+            self._labels = _grow(self._labels, stop)
+        for block, values in zip(
+            self._steps, (windows.states, windows.actions, windows.next_states), strict=True
+        ):
+            block[:, start:stop] = values
+        self._labels[:, start:stop] = windows.labels
+        self._count = stop
+        self.new = windows
+
+    @property
+    def windows(self) -> Windows:
+        """All windows [R, K, T], as views."""
+        states, actions, next_states = (block[:, : self._count] for block in self._steps)
+        return Windows(states, actions, next_states, self._labels[:, : self._count])
+
+
+def _grow(block: Tensor, rows: int) -> Tensor:
+    larger = block.new_empty(block.shape[0], max(rows, 2 * block.shape[1]), *block.shape[2:])
+    larger[:, : block.shape[1]] = block
+    return larger

@@ -1,0 +1,32 @@
+"""The two ways in which a user's request can end badly."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class UserError(ValueError):
+    """Something the user asked for cannot be done; the message says what, why, and what to do.
+
+    The command line prints it without a traceback and exits with code 2.
+    """
+
+
+class RunError(RuntimeError):
+    """A run had to stop: the message names the window or component and the value; status becomes FAILED."""
+
+
+def nearest(name: str, valid: Iterable[str]) -> str:
+    """The valid names, with the closest one first where there is one.
+
+    Example:
+        >>> nearest("alpa", ["alpha", "epsilon"])
+        "did you mean 'alpha'? (valid: alpha, epsilon)"
+    """
+    names = sorted(valid)
+    if not names:
+        return "(there are none)"
+    close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+    listing = f"valid: {', '.join(names)}"
+    return f"did you mean {close[0]!r}? ({listing})" if close else f"({listing})"

@@ -1,0 +1,32 @@
+"""The only place where a label is made."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from credit.interfaces import Feedback
+from credit.streams import Stream
+from credit.types import NonNegative, PositiveInt, Problem
+
+
+class BlockSum(Feedback):
+    """The sum of the window's primitive rewards plus Gaussian noise (1), (24).
+
+    Args:
+        window: T, steps that share one label.
+        noise: standard deviation of the label's noise, in units of reward.
+    """
+
+    def __init__(self, window: PositiveInt = 7, noise: NonNegative = 0.2) -> None:
+        self.window = window
+        self.noise = noise
+
+    def start(self, problem: Problem) -> None:
+        """Make the noise stream."""
+        self._stream = Stream(problem, "feedback", "normal", 1)
+
+    def __call__(self, rewards: Tensor) -> Tensor:
+        """Y = Σ_t r_t + ε for every window of rewards [R, K, T]."""
+        noise = torch.cat([self._stream.next() for _ in range(rewards.shape[1])], dim=1)
+        return rewards.sum(-1) + self.noise * noise

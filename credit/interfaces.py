@@ -1,0 +1,199 @@
+"""The seams: every component that YAML can name is one of these.
+
+Constructors take hyper-parameters and other components, and store them. `start(problem)` makes the state of R
+replicas; nothing heavy happens before it. Class attributes say what a component needs, so that the check can tell
+whether parts fit together without building any of them.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+from torch import Tensor
+
+from credit.component import Component
+from credit.dataset import Dataset
+from credit.types import Estimate, Problem, Recovery, Steps, Windows
+
+Act = Callable[[Tensor, int], Tensor]
+
+
+class Feedback(Component):
+    """The rule that makes a label, the only place that sees primitive rewards: `feedback(rewards [R,K,T]) -> [R,K]`."""
+
+    window: int
+
+    @abstractmethod
+    def start(self, problem: Problem) -> None:
+        """Make the noise streams of R replicas."""
+
+    @abstractmethod
+    def __call__(self, rewards: Tensor) -> Tensor:
+        """Labels Y [R, K] of windows with primitive rewards [R, K, T]."""
+
+
+class Environment(Component):
+    """Where steps happen. Its primitive reward reaches the feedback and, for metrics only, the trainer."""
+
+    episodic: ClassVar[bool] = False
+
+    @abstractmethod
+    def problem(self, window: int, seeds: tuple[int, ...], device: Any) -> Problem:
+        """What a learner may know."""
+
+    @abstractmethod
+    def start(self, problem: Problem) -> None:
+        """Put R replicas into their initial states."""
+
+    @abstractmethod
+    def collect(self, act: Act, feedback: Feedback, windows: int, steps: int) -> tuple[Windows, Tensor]:
+        """Run `act` for some windows of `steps` steps; return labelled windows and, for metrics, r [R, K, T]."""
+
+    @abstractmethod
+    def oracle(self, problem: Problem) -> Any:
+        """The metrics that compare a learner with the truth (`update`, `metrics`, `truth`)."""
+
+
+class FeatureMap(Component):
+    """What a reward model looks at: `features(steps) -> [..., d]`."""
+
+    @abstractmethod
+    def start(self, problem: Problem) -> None:
+        """Learn the sizes."""
+
+    @abstractmethod
+    def __call__(self, steps: Steps) -> Tensor:
+        """φ of every step, float64 [..., d]."""
+
+
+class RewardModel(Component):
+    """Maps a step to a pseudo-reward, fitted to labels only.
+
+    Attributes:
+        name: its name in metrics, files and figures.
+    """
+
+    name: str
+
+    @abstractmethod
+    def start(self, problem: Problem, draws: int) -> None:
+        """Make R × (1 + B) empty fits: the point fit and B draws."""
+
+    @abstractmethod
+    def observe(self, windows: Windows, weights: Tensor) -> None:
+        """Take in new windows with weights [R, K, 1+B] (the point fit's weight is 1)."""
+
+    @abstractmethod
+    def refit(self, windows: Windows, weights: Tensor) -> None:
+        """Forget, and fit windows [R, K, T] with weights [R, K, 1+B]."""
+
+    @abstractmethod
+    def estimate(self) -> Estimate:
+        """Predictions for every pair."""
+
+
+class Uncertainty(Component):
+    """How the draws of all models are made, and the variance of each model."""
+
+    draws: int
+
+    @abstractmethod
+    def start(self, problem: Problem) -> None:
+        """Make the streams of R replicas."""
+
+    @abstractmethod
+    def observe(self, models: list[RewardModel], dataset: Dataset) -> None:
+        """Show the newest windows to every model, all with the same weights."""
+
+    @abstractmethod
+    def variance(self, model: RewardModel, estimate: Estimate) -> Tensor:
+        """Var̂ r̂(s, a) [R, N] of one model."""
+
+    @abstractmethod
+    def prior(self, visits: Tensor) -> Tensor:
+        """What is added to the reference's variance after N(s, a) visits [R, N]."""
+
+    @abstractmethod
+    def disagreement(self, reference: Estimate, surrogate: Estimate) -> Tensor:
+        """Δ̂²(s, a) [R, N] of a surrogate, (7) or (9)."""
+
+
+class Mixer(Component):
+    """MSE proxies → weights."""
+
+    @abstractmethod
+    def weights(self, mse: Tensor) -> Tensor:
+        """Weights [..., M, N] that sum to one over M, from proxies of the same shape."""
+
+
+class Bonus(Component):
+    """What optimism adds to the mixed reward."""
+
+    def start(self, problem: Problem) -> None:  # noqa: B027 - most bonuses have no state
+        """Make streams, where the bonus is random."""
+
+    @abstractmethod
+    def __call__(self, recovery: Recovery, reference: RewardModel) -> Tensor:
+        """Bonus [R, N]; `recovery.bonus` and `recovery.plan` are not yet filled."""
+
+
+class CreditAssigner(Component):
+    """Windows → one reward per step: a redistribution, or recovery with reward models."""
+
+    @abstractmethod
+    def start(self, problem: Problem) -> None:
+        """Make the state of R replicas."""
+
+    @abstractmethod
+    def observe(self, dataset: Dataset) -> None:
+        """Take in the newest windows."""
+
+    @abstractmethod
+    def rewards(self, windows: Windows) -> Tensor:
+        """The pseudo-reward [R, K, T] of every step."""
+
+
+class RewardFunction(CreditAssigner):
+    """A credit assigner that knows a pseudo-reward for every (s, a), so that one can plan with it."""
+
+    @abstractmethod
+    def recovery(self) -> Recovery:
+        """What is believed now."""
+
+
+class TransitionModel(Component):
+    """P̂ for planning."""
+
+    @abstractmethod
+    def start(self, problem: Problem) -> None:
+        """Make the counts of R replicas."""
+
+    @abstractmethod
+    def observe(self, windows: Windows) -> None:
+        """Count new transitions."""
+
+    @abstractmethod
+    def probabilities(self) -> Tensor:
+        """P̂ [R, S, A, S]; rows sum to one, or to zero where nothing is known and nothing assumed."""
+
+
+class Optimizer(Component):
+    """The policy optimizer that consumes relabelled rewards."""
+
+    @abstractmethod
+    def start(self, problem: Problem) -> None:
+        """Make the policies of R replicas."""
+
+    @abstractmethod
+    def act(self, states: Tensor, step: int) -> Tensor:
+        """Actions [R] in states [R] at a step of the window."""
+
+    @abstractmethod
+    def improve(self, dataset: Dataset, assigner: CreditAssigner) -> None:
+        """Learn from the newest windows, or plan with what is believed."""
+
+    @abstractmethod
+    def policies(self) -> dict[str, Tensor]:
+        """`behaviour` [R, S] and, where there is one without bonus, `greedy` [R, S]."""

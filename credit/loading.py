@@ -1,0 +1,51 @@
+"""Open a finished run again."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import yaml
+
+from credit.errors import UserError
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run: its configuration, journal (a frame indexed by step), summary, and recovery arrays where there are any."""
+
+    folder: Path
+    config: dict[str, Any]
+    metrics: pd.DataFrame
+    summary: dict[str, Any]
+    recovery: dict[str, np.ndarray] | None
+
+
+def load(run_dir: str | Path) -> Run:
+    """Load a run from its folder alone.
+
+    Raises:
+        UserError: the folder holds no finished run.
+
+    Example:
+        >>> run = credit.load("outputs/advertiser/disagreement/default/seed-0")
+        >>> run.metrics["regret/cumulative"].iloc[-1], run.recovery["reward/mixed"].shape
+    """
+    folder = Path(run_dir)
+    if not (folder / "DONE").exists():
+        raise UserError(f"{folder}: no finished run lies here (no file DONE); give a folder like …/default/seed-0")
+    recovery = None
+    if (folder / "recovery.npz").exists():
+        with np.load(folder / "recovery.npz", allow_pickle=False) as arrays:
+            recovery = dict(arrays)
+    return Run(
+        folder,
+        yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8")),
+        pd.read_csv(folder / "metrics.csv", index_col="step"),
+        json.loads((folder / "summary.json").read_text(encoding="utf-8")),
+        recovery,
+    )

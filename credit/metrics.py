@@ -1,0 +1,71 @@
+"""What a learner is worth, judged by the truth it never saw. The README's glossary gives each equation."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from credit.types import FLOAT, Problem, Recovery
+
+
+def policy_error(policy: Tensor, optimal: Tensor, weight: Tensor | None = None) -> Tensor:
+    """Share of states [R] where a policy [R, S] differs from π* [S], each state weighted equally or by `weight` [S]."""
+    wrong = (policy != optimal).to(FLOAT)
+    return wrong.mean(-1) if weight is None else (wrong * weight).sum(-1)
+
+
+def rank_correlation(first: Tensor, second: Tensor) -> Tensor:
+    """Spearman's ρ over the last dimension, ties by order of index; nan where one side is constant."""
+    ranks = [values.argsort(dim=-1, stable=True).argsort(dim=-1).to(FLOAT) for values in (first, second)]
+    a, b = (r - r.mean(-1, keepdim=True) for r in ranks)
+    rho = (a * b).sum(-1) / (a.square().sum(-1) * b.square().sum(-1)).sqrt()
+    constant = (first.amax(-1) == first.amin(-1)) | (second.amax(-1) == second.amin(-1))
+    return rho.masked_fill(constant, torch.nan)
+
+
+class AverageRewardOracle:
+    """Metrics of a continuing tabular problem: regret against g* (21), policy error, reward error.
+
+    Args:
+        problem: sizes. gain: g*. policy: π* [S]. occupancy: its stationary distribution [S]. reward: r [S, A].
+    """
+
+    def __init__(self, problem: Problem, gain: float, policy: Tensor, occupancy: Tensor, reward: Tensor) -> None:
+        self._gain = gain
+        self._policy, self._occupancy = policy.to(problem.device), occupancy.to(problem.device)
+        self.truth = reward.flatten().to(problem.device)
+        self._regret = problem.zeros()
+        self._area = problem.zeros()
+        self._labels = problem.zeros()
+        self._windows = 0
+
+    def update(self, primitive: Tensor, labels: Tensor | None) -> None:
+        """Count windows with rewards r [R, K, T] and labels [R, K] (None for a window that was cut short)."""
+        regret = (self._gain - primitive).sum(-1)
+        path = self._regret.unsqueeze(1) + regret.cumsum(1)
+        self._regret = path[:, -1]
+        self._area = self._area + path.sum(1)
+        if labels is not None:
+            self._labels = self._labels + labels.sum(1)
+            self._windows += labels.shape[1]
+
+    def metrics(self, policies: dict[str, Tensor], recovery: Recovery | None) -> dict[str, Tensor]:
+        """Metric → [R]. `return/label` is the mean label since the last call."""
+        values = {
+            "regret/cumulative": self._regret,
+            "regret/auc": self._area,
+            "return/label": self._labels / max(self._windows, 1),
+        }
+        self._labels, self._windows = torch.zeros_like(self._labels), 0
+        if "behaviour" in policies:
+            values["policy/error"] = policy_error(policies["behaviour"], self._policy)
+            values["policy/error_occupancy"] = policy_error(policies["behaviour"], self._policy, self._occupancy)
+        if "greedy" in policies:
+            values["policy/error_greedy"] = policy_error(policies["greedy"], self._policy)
+        if recovery is not None:
+            values["reward/mse"] = (recovery.mixed - self.truth).square().mean(-1)
+            values["reward/rank_correlation"] = rank_correlation(recovery.mixed, self.truth.expand_as(recovery.mixed))
+            for index, name in enumerate(recovery.models):
+                values[f"weight/{name}"] = recovery.weights[:, index].mean(-1)
+                values[f"best/{name}"] = (recovery.best == index).to(FLOAT).mean(-1)
+        return values

@@ -1,0 +1,63 @@
+"""Planning with the recovered reward: B.1, lines 15 to 18."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar
+
+import torch
+from annotated_types import Interval
+from torch import Tensor
+
+from credit.dataset import Dataset
+from credit.interfaces import CreditAssigner, Optimizer, RewardFunction, TransitionModel
+from credit.planning import policy_iteration
+from credit.types import Problem
+
+
+class ValueIteration(Optimizer):
+    """Dynamic programming on (P̂, r_plan) after every window, solved exactly by warm-started policy iteration.
+
+    Args:
+        transition: the transition model P̂.
+        discount: γ; 1 plans for the average reward. γ ≤ .98 plans the advertiser's trap even on the true model.
+    """
+
+    domain: ClassVar = "tabular"
+    needs: ClassVar = {"assigner": RewardFunction}
+
+    # γ = 1 − 1e-6 is the average reward for every model that data can tell from it, and unlike γ = 1 it also has one
+    # solution where P̂ falls apart into several recurrent classes (self-loops, zero rows).
+    AVERAGE = 1 - 1e-6
+
+    def __init__(self, transition: TransitionModel, discount: Annotated[float, Interval(gt=0, le=1)] = 1.0) -> None:
+        self.transition = transition
+        self.discount = discount
+
+    def start(self, problem: Problem) -> None:
+        """Nothing is known: action 0 everywhere."""
+        self._problem = problem
+        self.transition.start(problem)
+        self._policy = torch.zeros(problem.replicas, problem.states, dtype=torch.int64, device=problem.device)
+        self._assigner: RewardFunction | None = None
+
+    def act(self, states: Tensor, step: int) -> Tensor:
+        """π(s)."""
+        return self._policy.gather(1, states.unsqueeze(1)).squeeze(1)
+
+    def improve(self, dataset: Dataset, assigner: CreditAssigner) -> None:
+        """Count the new transitions and plan with r_plan."""
+        assert isinstance(assigner, RewardFunction)
+        self.transition.observe(dataset.new)
+        self._assigner = assigner
+        self._policy = self._plan(assigner.recovery().plan)
+
+    def policies(self) -> dict[str, Tensor]:
+        """The optimistic policy, and the one that plans with the mixed reward alone."""
+        if self._assigner is None:
+            return {"behaviour": self._policy}
+        return {"behaviour": self._policy, "greedy": self._plan(self._assigner.recovery().mixed)}
+
+    def _plan(self, reward: Tensor) -> Tensor:
+        table = reward.view(-1, self._problem.states, self._problem.actions)
+        discount = min(self.discount, self.AVERAGE)
+        return policy_iteration(self.transition.probabilities(), table, discount, self._policy).policy

@@ -1,0 +1,103 @@
+"""Reference + surrogates → MSE proxies → mixture → bonus: the paper on one page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import reduce
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+
+from credit.dataset import Dataset
+from credit.errors import UserError
+from credit.interfaces import Bonus, Mixer, RewardFunction, RewardModel, Uncertainty
+from credit.mixers import best_model, mix
+from credit.types import Problem, Recovery, Windows
+
+
+class RewardRecovery(RewardFunction):
+    """Learn a pseudo-reward for every (s, a) from labels (sections 3.2–4.3, algorithm B.1 lines 3–16).
+
+    Args:
+        reference: the flexible model.
+        surrogates: name → structured model; may be empty.
+        uncertainty: how draws and variances are made.
+        mixer: MSE proxies → weights.
+        bonus: name → what optimism adds; their sum is the bonus.
+    """
+
+    domain: ClassVar = "tabular"
+
+    def __init__(
+        self,
+        reference: RewardModel,
+        surrogates: Mapping[str, RewardModel],
+        uncertainty: Uncertainty,
+        mixer: Mixer,
+        bonus: Mapping[str, Bonus],
+    ) -> None:
+        self.models = [reference, *surrogates.values()]
+        self.uncertainty = uncertainty
+        self.mixer = mixer
+        self.bonus = dict(bonus)
+        names = [model.name for model in self.models]
+        if len(set(names)) < len(names):
+            raise UserError(f"reward models need different names: {names}; change one `name`")
+        self.names = tuple(names)
+
+    def start(self, problem: Problem) -> None:
+        """Empty models, no visits."""
+        self._problem = problem
+        self.uncertainty.start(problem)
+        for model in self.models:
+            model.start(problem, self.uncertainty.draws)
+        for bonus in self.bonus.values():
+            bonus.start(problem)
+        self._visits = problem.zeros(problem.pairs)
+        self._recovery = self._recover()
+
+    def observe(self, dataset: Dataset) -> None:
+        """Count visits, refit every model with the newest windows, and recover the reward anew."""
+        pairs = dataset.new.pairs(self._problem.actions).flatten(1)
+        self._visits.scatter_add_(1, pairs, torch.ones_like(pairs, dtype=self._visits.dtype))
+        self.uncertainty.observe(self.models, dataset)
+        self._recovery = self._recover()
+
+    def recovery(self) -> Recovery:
+        """What is believed since the last windows."""
+        return self._recovery
+
+    def rewards(self, windows: Windows) -> Tensor:
+        """r_plan(s_t, a_t) of every step [R, K, T]."""
+        pairs = windows.pairs(self._problem.actions)
+        return self._recovery.plan.gather(1, pairs.flatten(1)).view(pairs.shape)
+
+    def _recover(self) -> Recovery:
+        reference, *surrogates = [model.estimate() for model in self.models]
+        gaps = [self.uncertainty.disagreement(reference, surrogate) for surrogate in surrogates]
+        excess = [self.uncertainty.prior(self._visits), *gaps]
+        proxies = [
+            self.uncertainty.variance(model, estimate) + more
+            for model, estimate, more in zip(self.models, [reference, *surrogates], excess, strict=True)
+        ]
+        mse = torch.stack(proxies, dim=1)
+        mean = torch.stack([reference.mean, *(surrogate.mean for surrogate in surrogates)], dim=1)
+        weights = self.mixer.weights(mse)
+        mixed = mix(weights, mean)
+        recovery = Recovery(
+            models=self.names,
+            mean=mean,
+            draws=(reference.draws, *(surrogate.draws for surrogate in surrogates)),
+            mse=mse,
+            disagreement=torch.stack(gaps, dim=1) if gaps else mse[:, :0],
+            weights=weights,
+            best=best_model(mse),
+            mixed=mixed,
+            bonus={},
+            plan=mixed,
+            visits=self._visits,
+        )
+        bonus = {name: term(recovery, self.models[0]) for name, term in self.bonus.items()}
+        return replace(recovery, bonus=bonus, plan=reduce(torch.add, bonus.values(), mixed))

@@ -1,0 +1,247 @@
+"""The table of kinds, and the only module that knows Hydra: compose, check, sweep, list.
+
+The YAML file is the registration: `conf/<kind>/<name>.yaml` names a class by `_target_`, and that is all it takes.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+import hydra
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import ConfigCompositionException, HydraException, MissingConfigException, OverrideParseException
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from credit.errors import UserError, nearest
+
+CONFIG_NAME = "config"
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A folder of `conf/`: the class its files build (`module:name`), the slots they fill, and one line of help."""
+
+    base: str
+    slots: tuple[str, ...]
+    help: str
+
+    def load(self) -> type:
+        """The class itself; imported only when it is needed, so that `--help` stays fast."""
+        module, name = self.base.split(":")
+        found: type = getattr(importlib.import_module(module), name)
+        return found
+
+
+KINDS = {
+    "env": Kind("credit.interfaces:Environment", ("env",), "where steps happen"),
+    "feedback": Kind("credit.interfaces:Feedback", ("feedback",), "what a label is"),
+    "reward": Kind("credit.interfaces:RewardModel", ("reference", "surrogates"), "reward models"),
+    "features": Kind("credit.interfaces:FeatureMap", (), "what a reward model looks at"),
+    "uncertainty": Kind("credit.interfaces:Uncertainty", ("uncertainty",), "how far a fit can be trusted"),
+    "mixer": Kind("credit.interfaces:Mixer", ("mixer",), "MSE proxies → weights of the models"),
+    "bonus": Kind("credit.interfaces:Bonus", ("bonus",), "what optimism adds; several: bonus=[count,disagreement]"),
+    "assigner": Kind("credit.interfaces:CreditAssigner", ("assigner",), "windows → one reward per step"),
+    "transition": Kind("credit.interfaces:TransitionModel", ("transition",), "P̂ for planning"),
+    "optimizer": Kind("credit.interfaces:Optimizer", ("optimizer",), "relabelled rewards → policy"),
+    "tracking": Kind("credit.tracking:Tracking", ("tracking",), "where runs are mirrored"),
+}
+CHOICES = {  # folders that choose among the kinds, and build nothing themselves
+    "method": "a credit assigner and an optimizer, by the name it has in tables",
+    "experiment": "an environment, its feedback, models and horizon",
+    "planner": "which optimizer recovery methods use (set by the experiment)",
+    "learner": "which optimizer model-free methods use (set by the experiment)",
+}
+
+
+def conf_dir() -> Path:
+    """The folder of YAML files: inside the installed package, or beside it in a checkout."""
+    package = Path(__file__).resolve().parent
+    return next(path for path in (package / "conf", package.parent / "conf") if path.is_dir())
+
+
+def search_path(config_dirs: Sequence[str] = ()) -> list[Path]:
+    """Folders that may hold YAML files: ours, those of packages that announced themselves, and the user's own."""
+    found = [conf_dir()]
+    for point in entry_points(group="credit.components"):
+        spec = importlib.util.find_spec(point.module)
+        for place in (spec.submodule_search_locations or []) if spec else []:
+            if (folder := Path(place) / "conf").is_dir():
+                found.append(folder)
+    for name in config_dirs:
+        folder = Path(name).resolve()
+        if not folder.is_dir():
+            raise UserError(f"--config-dir {name}: no such folder; give a folder with sub-folders like {conf_dir()}")
+        found.append(folder)
+    return found
+
+
+def compose(overrides: Sequence[str] = (), config_dirs: Sequence[str] = ()) -> dict[str, Any]:
+    """The resolved configuration of one job as plain mappings and lists, not yet checked.
+
+    Args:
+        overrides: as on the command line: `["method=reference", "mixer.alpha=.3"]`.
+        config_dirs: further folders of YAML files.
+
+    Raises:
+        UserError: an override cannot be parsed, or names no option or key.
+    """
+    with _hydra(config_dirs):
+        return _compose(list(overrides))
+
+
+def expand(overrides: Sequence[str], config_dirs: Sequence[str] = ()) -> list[list[str]]:
+    """The overrides of every job of a sweep, in the order in which Hydra's basic sweeper runs them."""
+    from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
+
+    with _hydra(config_dirs):
+        parsed = [_parse(text) for text in overrides]
+        jobs: list[list[str]] = BasicSweeper.split_arguments(
+            [override for override in parsed if not override.key_or_group.startswith("hydra")], max_batch_size=None
+        )[0]
+    return jobs
+
+
+def is_sweep(override: str) -> bool:
+    """Whether an override names several values."""
+    return bool(_parse(override).is_sweep_override())
+
+
+def slug(overrides: Sequence[str]) -> str:
+    """A folder name for what was changed: `default`, or the overrides that make a run another run."""
+    ignored = re.compile(r"^[+~]*(experiment|method|seed|replicas|output|device|session|rerun|tracking|hydra)\b(?!@)")
+    kept = sorted(text.lstrip("+") for text in overrides if not ignored.match(text))
+    name = re.sub(r"[^A-Za-z0-9=._,@~+-]+", "-", ",".join(kept)).strip("-")
+    if len(name) > 120:
+        import zlib
+
+        name = f"{name[:110]}-{zlib.crc32(name.encode()):08x}"
+    return name or "default"
+
+
+def launch(task: Callable[[Any], Any], overrides: Sequence[str], multirun: bool, config_dirs: Sequence[str]) -> None:
+    """Hand a task to Hydra: one job, or a sweep by Hydra's own sweeper and launcher plugins."""
+    arguments = [*overrides, _search_override(config_dirs)] if len(search_path(config_dirs)) > 1 else list(overrides)
+    before, sys.argv = sys.argv, ["credit", *(["--multirun"] if multirun else []), *arguments]
+    try:
+        hydra.main(version_base="1.3", config_path=str(conf_dir()), config_name=CONFIG_NAME)(task)()
+    finally:
+        sys.argv = before
+
+
+def job_overrides() -> tuple[int, list[str]]:
+    """Inside a task: the number of this job in its sweep, and its overrides."""
+    from hydra.core.hydra_config import HydraConfig
+
+    config = HydraConfig.get()
+    return OmegaConf.select(config, "job.num", default=0) or 0, list(config.overrides.task)
+
+
+def plain(config: Any) -> dict[str, Any]:
+    """A resolved DictConfig as plain mappings, without the folders that only choose."""
+    container = OmegaConf.to_container(config, resolve=True, throw_on_missing=False)
+    assert isinstance(container, dict)
+    return {str(key): value for key, value in container.items() if key not in ("hydra", "planner", "learner")}
+
+
+def options(kind: str, config_dirs: Sequence[str] = ()) -> dict[str, Path]:
+    """Name → YAML file of everything registered under a kind."""
+    folders = [folder / kind for folder in search_path(config_dirs)]
+    return {path.stem: path for folder in folders if folder.is_dir() for path in sorted(folder.glob("*.yaml"))}
+
+
+def describe_file(path: Path) -> str:
+    """The first comment line of a YAML file: what it is."""
+    for line in path.read_text(encoding="utf-8").splitlines():
+        if line.startswith("#") and not line.startswith("# @package"):
+            return line.lstrip("# ").strip()
+    return ""
+
+
+@contextmanager
+def _hydra(config_dirs: Sequence[str]) -> Any:
+    """Hydra's compose API with all search paths; leaves no global state behind."""
+    extra = search_path(config_dirs)[1:]
+    GlobalHydra.instance().clear()
+    with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3", job_name="credit"):
+        global_hydra = GlobalHydra.instance()
+        assert global_hydra.hydra is not None
+        path = global_hydra.hydra.config_loader.get_search_path()
+        for folder in extra:
+            path.append("credit", f"file://{folder}")
+        yield
+
+
+def _compose(overrides: list[str]) -> dict[str, Any]:
+    for text in overrides:
+        _parse(text)
+    try:
+        return plain(hydra.compose(CONFIG_NAME, overrides=overrides))
+    except MissingConfigException as error:
+        raise UserError(_unknown_option(error)) from None
+    except (ConfigCompositionException, OmegaConfBaseException) as error:
+        raise UserError(_unknown_key(str(error), overrides)) from None
+    except HydraException as error:
+        raise UserError(_first_line(error)) from None
+
+
+def _parse(text: str) -> Any:
+    try:
+        return OverridesParser.create().parse_override(text)
+    except OverrideParseException as error:
+        raise UserError(f"{text!r} is no override ({_first_line(error)}); write group=option or key=value") from None
+
+
+def _unknown_option(error: MissingConfigException) -> str:
+    group, _, option = str(error.missing_cfg_file or "").rpartition("/")
+    if not group or not error.options:
+        return _first_line(error)
+    group = group.lstrip("/")
+    return f"{group}={option}: no such option; {nearest(option, error.options)}"
+
+
+def _unknown_key(message: str, overrides: list[str]) -> str:
+    """Which override names a key or group that is not there, and the nearest one that is."""
+    for text in overrides:
+        others = [other for other in overrides if other != text]
+        key = text.lstrip("+~").partition("=")[0]
+        try:
+            hydra.compose(CONFIG_NAME, overrides=[text])
+        except (HydraException, OmegaConfBaseException):
+            try:
+                config = plain(hydra.compose(CONFIG_NAME, overrides=others))
+            except (HydraException, OmegaConfBaseException):
+                config = plain(hydra.compose(CONFIG_NAME))
+            *parents, name = key.split(".")
+            node: Any = config
+            for depth, parent in enumerate(parents):
+                if not isinstance(node, dict) or parent not in node:
+                    parents, name = parents[:depth], parent
+                    break
+                node = node[parent]
+            valid = list(node) if isinstance(node, dict) else []
+            if not parents:
+                valid += [*KINDS, *CHOICES]
+            where = ".".join([*parents, name])
+            return f"{where}: unknown key (in {text!r}); {nearest(name, [v for v in valid if v != '_target_'])}"
+    return re.sub(r"\s*\n\s*", "; ", message.strip())
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+
+
+def _search_override(config_dirs: Sequence[str]) -> str:
+    folders = ",".join(f"file://{folder}" for folder in search_path(config_dirs)[1:])
+    return f"hydra.searchpath=[{folders}]"
+
+

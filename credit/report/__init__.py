@@ -1,0 +1,1 @@
+"""Comparing finished runs: statistics, tables and figures made from run folders alone."""

@@ -1,0 +1,139 @@
+"""From finished runs to a folder of tables and figures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from credit.errors import UserError
+from credit.report import tables
+from credit.report.comparison import Comparison, summarise
+from credit.report.published import load_paper
+from credit.report.runs import Runs, load_runs
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a comparison left behind.
+
+    Attributes:
+        folder: where the files are.
+        files: every file that was written.
+        comparison: the numbers.
+        logged: what became of logging to MLflow, in one line; empty where it was not asked for.
+    """
+
+    folder: Path
+    files: tuple[Path, ...]
+    comparison: Comparison
+    logged: str
+
+
+def compare(
+    output: Path,
+    experiment: str,
+    *,
+    methods: Sequence[str] | None = None,
+    slugs: Sequence[str] | None = None,
+    seed: int | None = None,
+    replicas: int | None = None,
+    trapped_above: float = 300.0,
+    reference: str = "reference",
+    diagnostics_seed: int | None = None,
+    log: bool = True,
+) -> Report:
+    """Compare finished runs: write tables and figures to `<output>/reports/<experiment>`.
+
+    Args:
+        output: the folder that holds all experiments.
+        experiment: which one.
+        methods: only these; all by default.
+        slugs: only these variants of a method; all by default.
+        seed: the first seed.
+        replicas: how many seeds.
+        trapped_above: final regret above which a seed counts as trapped.
+        reference: the method that the others are compared to.
+        diagnostics_seed: draw the heat maps of this seed; by default the mean over seeds.
+        log: also log everything to the store that the newest training session used.
+
+    Returns:
+        The report.
+
+    Raises:
+        UserError: there is nothing finished to compare, or runs that cannot be averaged.
+    """
+    runs = load_runs(output, experiment, methods=methods, slugs=slugs, seed=seed, replicas=replicas)
+    comparison = summarise(
+        runs, reference=reference, trapped_above=trapped_above, paper=load_paper(experiment)
+    )
+    figures = _figures(runs, comparison, diagnostics_seed)
+    texts = {
+        "table.md": tables.markdown(comparison),
+        "table.csv": tables.csv(comparison),
+        "table.tex": tables.latex(comparison),
+        "runs.csv": runs.frame.drop(columns=["name", "folder"]).to_csv(index=False),
+    }
+    folder = output / "reports" / experiment
+    try:
+        files = _write(folder, texts, figures)
+    except OSError as error:
+        raise UserError(f"Cannot write the report to {folder}: {error.strerror}.") from error
+    logged = _log(output, experiment, folder, comparison) if log else ""
+    return Report(folder, tuple(files), comparison, logged)
+
+
+def _figures(runs: Runs, comparison: Comparison, diagnostics_seed: int | None) -> dict[str, Figure | None]:
+    # Matplotlib takes half a second to import, which `credit --help` should not wait for.
+    from credit.report import style
+    from credit.report.figures import curves_figure, distribution_figure
+    from credit.report.heatmaps import heatmaps_figure
+
+    with style.styled():
+        return {
+            "curves": curves_figure(runs, comparison.primary),
+            "distribution": distribution_figure(runs, comparison),
+            "diagnostics": heatmaps_figure(runs, diagnostics_seed),
+        }
+
+
+def _write(folder: Path, texts: Mapping[str, str], figures: Mapping[str, Figure | None]) -> list[Path]:
+    from credit.report import style
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    files = [folder / name for name in texts]
+    with style.styled():
+        for name, figure in figures.items():
+            files += style.save(figure, folder, name)
+    return files
+
+
+def _log(output: Path, experiment: str, folder: Path, comparison: Comparison) -> str:
+    tracking = _newest_tracking(output, experiment)
+    if tracking is None:
+        return "Not logged to MLflow: the newest training session was not tracked."
+    try:
+        from credit.tracking.report_run import log_report
+
+        log_report(output, tracking.get("uri"), experiment, folder, comparison.metrics)
+    except Exception as error:  # a store that is down must not cost the user the report
+        reason = (str(error).splitlines() or [""])[0]
+        return f"Not logged to MLflow: {type(error).__name__}: {reason}"
+    return "Logged to MLflow as run `compare`; look at it with `credit dashboard`."
+
+
+def _newest_tracking(output: Path, experiment: str) -> dict[str, Any] | None:
+    """How the newest session of the experiment was tracked, or None."""
+    sessions = [
+        json.loads(path.read_text(encoding="utf-8")) for path in output.glob("sessions/*/session.json")
+    ]
+    own = [session for session in sessions if session["experiment"] == experiment]
+    newest = max(own, key=lambda session: float(session["started"]), default=None)
+    return newest["tracking"] if newest else None

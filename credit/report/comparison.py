@@ -1,0 +1,240 @@
+"""From finished runs to one table of numbers, and the sentences that these numbers allow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from credit.errors import UserError
+from credit.report import statistics
+from credit.report.published import PaperValues
+from credit.report.runs import Runs
+from credit.report.scale import Scale
+from credit.report.statistics import Interval
+
+Row = dict[str, Any]
+
+# The paper's methods in the paper's order; what goes beyond the paper follows by name.
+PAPER_ORDER = ("block", "delayed", "reference", "adaptive_mse", "disagreement")
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A metric that a table shows: its column in the journal, its title, and which direction is better."""
+
+    metric: str
+    title: str
+    axis: str
+    lower_is_better: bool = True
+
+
+# The first measure that the runs know is the primary one: the others only get a mean and an error.
+MEASURES = (
+    Measure("regret/cumulative", "Final regret", "Cumulative regret"),
+    Measure("eval/success", "Success rate", "Success rate", lower_is_better=False),
+    Measure("regret/auc", "AUC regret", "Area under the regret curve"),
+    Measure("policy/error", "Policy error", "Policy error"),
+    Measure("reward/mse", "Mixed reward MSE", "Mixed reward MSE"),
+)
+FALLBACK = Measure("return/label", "Return", "Return", lower_is_better=False)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The numbers behind every rendering of the table.
+
+    Attributes:
+        experiment: its name.
+        measures: the columns, the primary one first.
+        table: one row a method and slug. For each measure `<metric>/mean`, `/se` and `/n`, with
+            `/paper_mean` and `/paper_se` where the paper has them. For the primary one also iqm,
+            difference and improvement, each with `_low` and `_high`, difference_n and trapped.
+        reference: (method, slug) of the row that the others are compared to, or None where it has no runs.
+        reference_name: how that row is called in tables ("" without one).
+        paper: the paper's values, or None.
+        trapped_above: the regret above which a seed counts as trapped.
+        unfinished: how many runs were left out because they have not finished.
+    """
+
+    experiment: str
+    measures: tuple[Measure, ...]
+    table: pd.DataFrame
+    reference: tuple[str, str] | None
+    reference_name: str
+    paper: PaperValues | None
+    trapped_above: float
+    unfinished: int
+
+    @property
+    def primary(self) -> Measure:
+        """The measure that the methods are compared by."""
+        return self.measures[0]
+
+    @property
+    def rows(self) -> list[Row]:
+        """The rows of the table, each as column → value (NaN where the table has none)."""
+        return [{str(key): value for key, value in row.items()} for row in self.table.to_dict("records")]
+
+    @property
+    def counts_trapped(self) -> bool:
+        """Whether the primary measure is a regret, in which a seed can be trapped."""
+        return "trapped" in self.table
+
+    def is_reference(self, row: Row) -> bool:
+        """Whether a row is the one that the others are compared to."""
+        return (row["method"], row["slug"]) == self.reference
+
+    def scale(self, measure: Measure) -> Scale:
+        """How a measure's column is printed."""
+        return Scale.of(self.table[f"{measure.metric}/mean"], self.table[f"{measure.metric}/se"])
+
+    @property
+    def metrics(self) -> dict[str, float]:
+        """Every known number of the table as `<method>/<column>`, variants as `<method>/<slug>/<column>`."""
+        flat = {}
+        for row in self.rows:
+            prefix = row["method"] if row["slug"] == "default" else f"{row['method']}/{row['slug']}"
+            for column, value in row.items():
+                if isinstance(value, int | float) and pd.notna(value) and not column.startswith("seed_"):
+                    flat[f"{prefix}/{column}"] = float(value)
+        return flat
+
+
+def interval_of(row: Row, name: str) -> Interval:
+    """The columns `name`, `name_low` and `name_high` of a row; NaN where the table has none."""
+    return Interval(*(float(row.get(name + end, float("nan"))) for end in ("", "_low", "_high")))
+
+
+def ordered_groups(runs: Runs) -> list[tuple[str, str, pd.DataFrame]]:
+    """The runs of each (method, slug), the paper's methods first and in the paper's order."""
+
+    def position(key: tuple[str, str]) -> tuple[int, str, bool, str]:
+        method, slug = key
+        rank = PAPER_ORDER.index(method) if method in PAPER_ORDER else len(PAPER_ORDER)
+        return rank, method, slug != "default", slug
+
+    groups = {(str(m), str(s)): group for (m, s), group in runs.frame.groupby(["method", "slug"])}
+    return [(*key, groups[key]) for key in sorted(groups, key=position)]
+
+
+def display_name(group: pd.DataFrame) -> str:
+    """The method's name as tables show it, with its slug where it is a variant."""
+    name, slug = str(group["name"].iloc[0]), str(group["slug"].iloc[0])
+    return name if slug == "default" else f"{name} ({slug})"
+
+
+def summarise(
+    runs: Runs,
+    *,
+    reference: str = "reference",
+    trapped_above: float = 300.0,
+    paper: PaperValues | None = None,
+) -> Comparison:
+    """Compute the comparison table.
+
+    Args:
+        runs: finished runs.
+        reference: the method that the others are compared to; its default variant where it has several.
+        trapped_above: final regret above which a seed counts as trapped.
+        paper: the paper's values.
+
+    Returns:
+        The comparison; metrics that no run knows are left out.
+
+    Raises:
+        UserError: no run has a metric that methods can be compared by.
+    """
+    known = set(runs.metrics)
+    measures = tuple(m for m in MEASURES if m.metric in known)
+    if not measures or not {"regret/cumulative", "eval/success"} & known:
+        measures = (FALLBACK, *measures) if FALLBACK.metric in known else measures
+    if not measures:
+        wanted = ", ".join(m.metric for m in (*MEASURES, FALLBACK))
+        raise UserError(
+            f"The runs of experiment={runs.experiment} have none of the metrics that are compared "
+            f"({wanted}); they have {', '.join(sorted(known)) or 'no metrics'}."
+        )
+    groups = ordered_groups(runs)
+    base = next((entry for entry in groups if entry[0] == reference), None)
+    rows = []
+    for method, slug, group in groups:
+        row: Row = {
+            "method": method,
+            "slug": slug,
+            "name": display_name(group),
+            "seed_first": int(group["seed"].min()),
+            "seed_last": int(group["seed"].max()),
+            "n": len(group),
+        }
+        reported = paper.methods.get(method, {}) if paper else {}
+        for measure in measures:
+            row |= _mean_columns(group, measure, reported)
+        row |= _primary_columns(group, measures[0], trapped_above)
+        if base is not None and (method, slug) != base[:2]:
+            row |= _against(group, base[2], measures[0])
+        rows.append(row)
+    return Comparison(
+        experiment=runs.experiment,
+        measures=measures,
+        table=pd.DataFrame(rows),
+        reference=base[:2] if base else None,
+        reference_name=display_name(base[2]) if base else "",
+        paper=paper,
+        trapped_above=trapped_above,
+        unfinished=len(runs.unfinished),
+    )
+
+
+def _mean_columns(
+    group: pd.DataFrame, measure: Measure, reported: Mapping[str, tuple[float, float]]
+) -> dict[str, float]:
+    scores = _scores(group, measure)["score"]
+    mean, error = statistics.mean_and_error(scores) if len(scores) else (float("nan"), float("nan"))
+    columns = {
+        f"{measure.metric}/mean": mean,
+        f"{measure.metric}/se": error,
+        f"{measure.metric}/n": len(scores),
+    }
+    if measure.metric in reported:
+        columns[f"{measure.metric}/paper_mean"], columns[f"{measure.metric}/paper_se"] = reported[
+            measure.metric
+        ]
+    return columns
+
+
+def _primary_columns(group: pd.DataFrame, measure: Measure, trapped_above: float) -> dict[str, float]:
+    scores = _scores(group, measure)["score"]
+    if not len(scores):
+        return {}
+    columns = _columns("iqm", statistics.iqm_interval(scores))
+    if measure.metric == "regret/cumulative":
+        columns["trapped"] = statistics.count_trapped(scores, trapped_above)
+    return columns
+
+
+def _against(group: pd.DataFrame, base: pd.DataFrame, measure: Measure) -> dict[str, float]:
+    ours, theirs = _scores(group, measure), _scores(base, measure)
+    if not len(ours) or not len(theirs):
+        return {}
+    x, y = statistics.pair_by_seed(ours["seed"], ours["score"], theirs["seed"], theirs["score"])
+    better = statistics.probability_of_improvement(
+        ours["score"], theirs["score"], lower_is_better=measure.lower_is_better
+    )
+    return {
+        **_columns("difference", statistics.paired_difference(x, y)),
+        "difference_n": len(x),
+        **_columns("improvement", better),
+    }
+
+
+def _scores(group: pd.DataFrame, measure: Measure) -> pd.DataFrame:
+    """The seeds that know the measure, as columns seed and score."""
+    known = group[["seed", measure.metric]].dropna()
+    return known.rename(columns={measure.metric: "score"})
+
+
+def _columns(name: str, interval: Interval) -> dict[str, float]:
+    return {name: interval.value, f"{name}_low": interval.low, f"{name}_high": interval.high}

@@ -1,0 +1,188 @@
+"""What may be said about scores from several seeds: pure functions on arrays, seeded, one source each.
+
+Seeds are the replication unit everywhere: a seed is one independent run of one method on one task.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import special
+
+Array = NDArray[np.float64]
+
+CONFIDENCE = 0.95
+DRAWS = 10_000
+
+
+class Interval(NamedTuple):
+    """A value with its 95% interval; the ends are NaN where one seed leaves no spread to measure."""
+
+    value: float
+    low: float
+    high: float
+
+    @property
+    def excludes_zero(self) -> bool:
+        """Whether zero lies outside the interval; false where there is no interval."""
+        return bool(self.low > 0 or self.high < 0)
+
+
+def mean_and_error(scores: ArrayLike) -> tuple[float, float]:
+    """Mean and standard error, s/√n with s² = Σ(x − x̄)²/(n − 1).
+
+    Args:
+        scores: [n] one score a seed.
+
+    Returns:
+        The mean and its standard error; the error is NaN for n = 1.
+    """
+    x = np.asarray(scores, dtype=float)
+    return float(x.mean()), float(x.std(ddof=1) / np.sqrt(x.size)) if x.size > 1 else float("nan")
+
+
+def mean_band(values: ArrayLike) -> tuple[Array, Array, Array]:
+    """Pointwise mean and t-interval over seeds, x̄ ± t(n−1) s/√n.
+
+    Args:
+        values: [n, ...] one curve a seed.
+
+    Returns:
+        Mean, lower and upper end, each [...]; the ends are NaN for n = 1.
+    """
+    x = np.asarray(values, dtype=float)
+    mean = x.mean(axis=0)
+    if len(x) < 2:
+        return mean, np.full_like(mean, np.nan), np.full_like(mean, np.nan)
+    quantile = special.stdtrit(len(x) - 1, (1 + CONFIDENCE) / 2)
+    half = quantile * x.std(axis=0, ddof=1) / np.sqrt(len(x))
+    return mean, mean - half, mean + half
+
+
+def interquartile_mean(scores: ArrayLike) -> Array:
+    """Mean of the middle half along the last axis: ⌊n/4⌋ scores are cut off at each end.
+
+    Source: Agarwal et al. 2021, "Deep RL at the edge of the statistical precipice", section 4.3.
+
+    Args:
+        scores: [..., n].
+
+    Returns:
+        [...] the interquartile means.
+    """
+    x = np.sort(np.asarray(scores, dtype=float), axis=-1)
+    cut = x.shape[-1] // 4
+    return np.asarray(x[..., cut : x.shape[-1] - cut].mean(axis=-1))
+
+
+def iqm_interval(scores: ArrayLike, *, draws: int = DRAWS, seed: int = 0) -> Interval:
+    """Interquartile mean over all tasks and seeds with its stratified percentile bootstrap interval.
+
+    Each draw takes seeds with replacement within every task, then pools the tasks.
+    Source: Agarwal et al. 2021, section 4.1 (stratified bootstrap) and 4.3 (IQM).
+
+    Args:
+        scores: [tasks, n], or [n] for one task.
+        draws: number of bootstrap samples.
+        seed: of the resampling.
+
+    Returns:
+        The IQM and the 2.5% and 97.5% quantiles of its bootstrap distribution.
+    """
+    x = np.atleast_2d(np.asarray(scores, dtype=float))
+    value = float(interquartile_mean(x.ravel()))
+    if x.shape[1] < 2:
+        return Interval(value, float("nan"), float("nan"))
+    chosen = np.random.default_rng(seed).integers(x.shape[1], size=(draws, *x.shape))
+    samples = np.take_along_axis(x[None], chosen, axis=-1).reshape(draws, -1)
+    return Interval(value, *_ends(interquartile_mean(samples)))
+
+
+def pair_by_seed(
+    seeds_x: ArrayLike, scores_x: ArrayLike, seeds_y: ArrayLike, scores_y: ArrayLike
+) -> tuple[Array, Array]:
+    """The scores of the seeds that both methods have, in the same order.
+
+    Args:
+        seeds_x: [n] the distinct seeds behind scores_x.
+        scores_x: [n].
+        seeds_y: [m] the distinct seeds behind scores_y.
+        scores_y: [m].
+
+    Returns:
+        Two arrays [k] with k ≤ min(n, m) common seeds.
+    """
+    _, left, right = np.intersect1d(seeds_x, seeds_y, assume_unique=True, return_indices=True)
+    return np.asarray(scores_x, dtype=float)[left], np.asarray(scores_y, dtype=float)[right]
+
+
+def paired_difference(x: ArrayLike, y: ArrayLike) -> Interval:
+    """Mean of d = x − y over paired seeds with its t-interval, d̄ ± t(n−1) s_d/√n.
+
+    Source: the paired t-test (Student 1908). Pairing removes what the seed does to both methods alike.
+
+    Args:
+        x: [n] scores of a method.
+        y: [n] scores of the reference, on the same seeds in the same order.
+
+    Returns:
+        The mean difference and its interval; NaN throughout for n = 0.
+    """
+    d = np.asarray(x, dtype=float) - np.asarray(y, dtype=float)
+    if d.size == 0:
+        return Interval(float("nan"), float("nan"), float("nan"))
+    mean, low, high = mean_band(d)
+    return Interval(float(mean), float(low), float(high))
+
+
+def probability_of_improvement(
+    x: ArrayLike, y: ArrayLike, *, lower_is_better: bool = True, draws: int = DRAWS, seed: int = 0
+) -> Interval:
+    """How often a run of X beats a run of Y: P(X < Y) + ½ P(X = Y) over all n·m pairs.
+
+    This is the Mann–Whitney statistic U/(n·m). The percentile bootstrap resamples the seeds of X and of Y
+    independently.
+    Source: Agarwal et al. 2021, section 4.3; Mann and Whitney 1947.
+
+    Args:
+        x: [n] scores of a method.
+        y: [m] scores of the reference.
+        lower_is_better: whether a lower score wins.
+        draws: number of bootstrap samples.
+        seed: of the resampling.
+
+    Returns:
+        The probability and its percentile interval (½ means that neither is better).
+    """
+    a, b = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    sign = 1.0 if lower_is_better else -1.0
+    wins = np.heaviside(sign * (b[None, :] - a[:, None]), 0.5)
+    value = float(wins.mean())
+    if a.size < 2 or b.size < 2:
+        return Interval(value, float("nan"), float("nan"))
+    # A resample is how often each seed was drawn, so all draws are two matrix products.
+    rng = np.random.default_rng(seed)
+    drawn_a = rng.multinomial(a.size, np.full(a.size, 1 / a.size), size=draws)
+    drawn_b = rng.multinomial(b.size, np.full(b.size, 1 / b.size), size=draws)
+    samples = ((drawn_a @ wins) * drawn_b).sum(axis=1) / (a.size * b.size)
+    return Interval(value, *_ends(samples))
+
+
+def count_trapped(scores: ArrayLike, above: float) -> int:
+    """Number of seeds whose final regret lies above a threshold: runs that never found the good policy.
+
+    Args:
+        scores: [n] final regrets.
+        above: the threshold, in the unit of the scores.
+
+    Returns:
+        How many scores exceed it.
+    """
+    return int((np.asarray(scores, dtype=float) > above).sum())
+
+
+def _ends(samples: Array) -> tuple[float, float]:
+    low, high = np.quantile(samples, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
+    return float(low), float(high)

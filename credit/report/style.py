@@ -1,0 +1,130 @@
+"""What all figures share: one colour a method, quiet axes, and how a figure is written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+# Okabe and Ito's colours, which stay apart for colour-blind readers; greys for what is only a landmark.
+COLOURS = {
+    "block": "#7a7a7a",
+    "delayed": "#cc79a7",
+    "reference": "#0072b2",
+    "adaptive_mse": "#009e73",
+    "disagreement": "#d55e00",
+    "elliptical": "#56b4e9",
+    "thompson": "#e69f00",
+    "oracle": "#000000",
+    "random": "#b0b0b0",
+}
+SPARE = ("#332288", "#882255", "#999933", "#117733", "#aa4499", "#661100")
+DASHES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))
+SETTINGS: dict[Any, Any] = {
+    "font.size": 9,
+    "axes.titlesize": 9.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.8,
+    "axes.axisbelow": True,
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.7,
+    "lines.linewidth": 1.7,
+    "svg.hashsalt": "credit",
+}
+
+
+def colours(methods: Iterable[str]) -> dict[str, str]:
+    """A colour for each method: fixed for those that ship, spare ones by name for the others."""
+    names = set(methods)
+    others = sorted(names - COLOURS.keys())
+    chosen = {name: SPARE[index % len(SPARE)] for index, name in enumerate(others)}
+    return chosen | {name: COLOURS[name] for name in names & COLOURS.keys()}
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Draw in the project's style and leave Matplotlib's global settings as they were."""
+    with mpl.rc_context(SETTINGS):
+        yield
+
+
+def thousands(axis_value: float, _position: int = 0) -> str:
+    """A tick label with a thin space between thousands."""
+    return f"{axis_value:,.10g}".replace(",", "\u2009").replace("-", "−")
+
+
+def label_ends(axes: Axes, labels: list[tuple[float, str, str]], gap: float = 0.045) -> None:
+    """Write names beside the right ends of lines, pushed apart where they would overlap.
+
+    Args:
+        axes: the panel, with its limits already set.
+        labels: (height of the line's end in data units, name, colour).
+        gap: least distance between two names, as a share of the panel's height.
+    """
+    low, high = axes.get_ylim()
+    ends = sorted(((height - low) / (high - low), height, name, colour) for height, name, colour in labels)
+    places = _spread([place for place, *_ in ends], gap)
+    for place, (origin, _, name, colour) in zip(places, ends, strict=True):
+        axes.annotate(
+            name,
+            xy=(1.0, origin),
+            xytext=(1.05, place),
+            xycoords="axes fraction",
+            textcoords="axes fraction",
+            color=colour,
+            va="center",
+            fontsize=8,
+            arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.6, "relpos": (0, 0.5)},
+        )
+
+
+def save(figure: Figure | None, folder: Path, name: str) -> list[Path]:
+    """Write a figure as PNG (200 dpi) and SVG; the same figure gives the same bytes.
+
+    Args:
+        figure: what to write; None removes what an earlier report left under this name.
+        folder: an existing folder.
+        name: the file name without its ending.
+
+    Returns:
+        The paths that were written.
+    """
+    paths = [folder / f"{name}.png", folder / f"{name}.svg"]
+    if figure is None:
+        for path in paths:
+            path.unlink(missing_ok=True)
+        return []
+    figure.savefig(paths[0], dpi=200, facecolor="white")
+    figure.savefig(paths[1], facecolor="white", metadata={"Date": None})
+    return paths
+
+
+def _spread(wanted: list[float], gap: float) -> list[float]:
+    """Move sorted places apart until neighbours are `gap` away; a cluster stays centred where it was."""
+    clusters = [[place] for place in wanted]
+    merged = True
+    while merged:
+        merged = False
+        for index in range(len(clusters) - 1):
+            left, right = clusters[index], clusters[index + 1]
+            if _centre(right) - _centre(left) < gap * (len(left) + len(right)) / 2:
+                clusters[index : index + 2] = [left + right]
+                merged = True
+                break
+    return [
+        _centre(cluster) + gap * (position - (len(cluster) - 1) / 2)
+        for cluster in clusters
+        for position in range(len(cluster))
+    ]
+
+
+def _centre(cluster: list[float]) -> float:
+    return sum(cluster) / len(cluster)

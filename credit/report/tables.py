@@ -1,0 +1,194 @@
+"""One comparison, four renderings: terminal, Markdown, LaTeX and CSV, from the same cells."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import pandas as pd
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+from credit.report.comparison import Comparison, Row, interval_of
+from credit.report.scale import SUPERSCRIPTS, UNKNOWN, Scale
+from credit.report.text import caption, sentences
+
+Cell = tuple[str, str]  # a value, and what stands in brackets below or after it ("" = nothing)
+GAP = 2  # characters between two columns of a terminal table
+LONG = 12  # a name with more characters goes on two lines
+
+_TEX = {symbol: "\\" + symbol for symbol in "&%$#_{}"} | {
+    "\\": "\\textbackslash{}",
+    "^": "\\textasciicircum{}",
+    "~": "\\textasciitilde{}",
+    "<": "$<$",
+    ">": "$>$",
+    "±": "$\\pm$",
+    "×": "$\\times$",
+    "−": "$-$",
+    "–": "--",
+}
+_TEX |= {sup: f"$^{{{plain}}}$" for sup, plain in zip(SUPERSCRIPTS, "-0123456789", strict=True)}
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table of strings: a title, a header, and rows of cells."""
+
+    title: str
+    header: list[str]
+    rows: list[list[Cell]]
+
+
+def grids(comparison: Comparison) -> list[Grid]:
+    """The cells in two tables: means beside the paper's, and what sets the methods apart."""
+    return [_means(comparison), _contrasts(comparison)]
+
+
+def terminal_tables(comparison: Comparison, width: int = 100) -> list[Table]:
+    """The tables for a terminal, brackets on a line of their own.
+
+    Args:
+        comparison: the numbers.
+        width: columns of the terminal; a table that is wider goes on in a second one.
+    """
+    return [table for grid in grids(comparison) for table in _fit(grid, width)]
+
+
+def markdown(comparison: Comparison) -> str:
+    """The tables, the sentences and the caption as Markdown."""
+    parts = [f"# Comparison: {comparison.experiment}"]
+    for grid in grids(comparison):
+        lines = [
+            f"## {grid.title}",
+            "",
+            _pipes(grid.header),
+            _pipes(["---", *["---:"] * (len(grid.header) - 1)]),
+        ]
+        lines += [_pipes([f"{value} {below}".strip() for value, below in row]) for row in grid.rows]
+        parts.append("\n".join(lines))
+    parts += ["\n".join(f"- {line}" for line in sentences(comparison)), caption(comparison)]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def latex(comparison: Comparison) -> str:
+    """A table environment to be read with \\input; it needs only the booktabs package."""
+    lines = ["% Needs \\usepackage{booktabs}.", "\\begin{table}[t]", "\\centering", "\\scriptsize"]
+    lines += [
+        "\\setlength{\\tabcolsep}{3pt}",
+        f"\\caption{{Methods on {_tex(comparison.experiment)}: {_tex(caption(comparison))}}}\\smallskip",
+    ]
+    for grid in grids(comparison):
+        lines += ["", f"\\begin{{tabular}}{{@{{}}l{'r' * (len(grid.header) - 1)}@{{}}}}", "\\toprule"]
+        lines += [_ampersands([_two_lines(name) for name in grid.header]), "\\midrule"]
+        for row in grid.rows:
+            lines.append(_ampersands([value for value, _ in row]))
+            if any(below for _, below in row):
+                lines.append(_ampersands([below for _, below in row]))
+            lines.append("\\addlinespace[2pt]")
+        lines[-1:] = ["\\bottomrule", "\\end{tabular}", "\\par\\medskip"]
+    return "\n".join([*lines[:-1], "\\end{table}"]) + "\n"
+
+
+def csv(comparison: Comparison) -> str:
+    """The raw numbers, one row a method and slug."""
+    return str(comparison.table.to_csv(index=False))
+
+
+def _fit(grid: Grid, width: int) -> list[Table]:
+    """The grid as tables of at most `width`, each with the first column and as many others as fit."""
+    header = [_two_lines(name) for name in grid.header]
+    rows = [[(_two_lines(row[0][0]), row[0][1]), *row[1:]] for row in grid.rows]
+    columns = [[header[i], *(text for row in rows for text in row[i])] for i in range(len(header))]
+    sizes = [max(len(line) for text in column for line in text.split("\n")) + GAP for column in columns]
+    parts = [[0]]
+    for index in range(1, len(header)):
+        if len(parts[-1]) > 1 and sum(sizes[i] for i in [*parts[-1], index]) > width:
+            parts.append([0])
+        parts[-1].append(index)
+    return [_table(grid.title if part is parts[0] else "", part, header, rows) for part in parts]
+
+
+def _table(title: str, part: list[int], header: list[str], rows: list[list[Cell]]) -> Table:
+    table = Table(title=title or None, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
+    table.show_edge, table.pad_edge, table.padding = False, False, (0, GAP - 1, 0, 0)
+    for index in part:
+        table.add_column(header[index], justify="right" if index else "left", no_wrap=True)
+    for row in rows:
+        cells = [row[index] for index in part]
+        table.add_row(*(Text(value) + Text(f"\n{below}" if below else "", "dim") for value, below in cells))
+    return table
+
+
+def _two_lines(text: str) -> str:
+    """Break a long name at the space nearest to its middle."""
+    spaces = [index for index, letter in enumerate(text) if letter == " "]
+    if len(text) <= LONG or not spaces:
+        return text
+    middle = min(spaces, key=lambda index: abs(index - len(text) / 2))
+    return text[:middle] + "\n" + text[middle + 1 :]
+
+
+def _means(comparison: Comparison) -> Grid:
+    scales = {m: comparison.scale(m) for m in comparison.measures}
+    rows = []
+    for row in comparison.rows:
+        span = f"{row['seed_first']}–{row['seed_last']}" if row["n"] > 1 else str(row["seed_first"])
+        cells: list[Cell] = [(row["name"], ""), (span, f"(n = {row['n']})")]
+        for measure, scale in scales.items():
+            mean, error, paper, paper_error = (
+                row.get(f"{measure.metric}/{part}", float("nan"))
+                for part in ("mean", "se", "paper_mean", "paper_se")
+            )
+            below = "" if pd.isna(paper) else f"[{scale.with_error(paper, paper_error)}]"
+            cells.append((scale.with_error(mean, error), below))
+        rows.append(cells)
+    header = ["Method", "Seeds", *(measure.title + scale.unit for measure, scale in scales.items())]
+    return Grid("Mean ± standard error" + (" [paper]" if comparison.paper else ""), header, rows)
+
+
+def _contrasts(comparison: Comparison) -> Grid:
+    scale, share = comparison.scale(comparison.primary), Scale(0, 2)
+    header = [
+        "Method",
+        "IQM",
+        *([f"Trapped (>{comparison.trapped_above:g})"] if comparison.counts_trapped else []),
+    ]
+    if comparison.reference:
+        header += [f"Difference to {comparison.reference_name}", "Pairs", "P(improvement)"]
+    rows = []
+    for row in comparison.rows:
+        cells: list[Cell] = [(row["name"], ""), _interval(scale, row, "iqm")]
+        if comparison.counts_trapped:
+            cells.append((UNKNOWN if pd.isna(row["trapped"]) else f"{row['trapped']:.0f} of {row['n']}", ""))
+        if comparison.is_reference(row):
+            cells += [("reference", ""), (UNKNOWN, ""), (UNKNOWN, "")]
+        elif comparison.reference:
+            pairs = row.get("difference_n", float("nan"))
+            cells += [
+                _interval(scale, row, "difference", signed=True),
+                (UNKNOWN if pd.isna(pairs) else f"{pairs:.0f}", ""),
+                _interval(share, row, "improvement"),
+            ]
+        rows.append(cells)
+    return Grid(f"{comparison.primary.title}{scale.unit} [95% interval]", header, rows)
+
+
+def _interval(scale: Scale, row: Row, name: str, signed: bool = False) -> Cell:
+    interval = interval_of(row, name)
+    return scale.number(interval.value, signed), scale.ends(interval, signed)
+
+
+def _pipes(cells: list[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def _ampersands(cells: list[str]) -> str:
+    # The empty group keeps a leading bracket from being read as the optional argument of the \\ before it.
+    return "{}" + " & ".join(_tex(cell) for cell in cells) + " \\\\"
+
+
+def _tex(text: str) -> str:
+    escaped = re.sub(".", lambda match: _TEX.get(match[0], match[0]), text).replace("}$$^{", "")
+    return f"\\shortstack[r]{{{escaped}}}".replace("\n", "\\\\") if "\n" in escaped else escaped

@@ -1,0 +1,71 @@
+"""The words around the tables: what the columns are, and what the data show or do not show."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from credit.report.comparison import Comparison, interval_of
+
+
+def caption(comparison: Comparison) -> str:
+    """What the columns mean, in one paragraph of plain text."""
+    parts = ["± is one standard error over seeds"]
+    if comparison.paper:
+        parts.append(f"[mean ± s.e.] is from {comparison.paper.source}, {comparison.paper.seeds} seeds")
+    parts.append("IQM is the interquartile mean with a 95% bootstrap interval over seeds")
+    if comparison.reference:
+        direction = "lower" if comparison.primary.lower_is_better else "higher"
+        parts.append(
+            f"differences to {comparison.reference_name} are paired by seed, with a 95% t-interval; "
+            f"P(improvement) is the probability that a run of the method has the {direction} "
+            f"{comparison.primary.title.lower()} of the two, with a 95% bootstrap interval"
+        )
+    if comparison.counts_trapped:
+        parts.append(f"trapped seeds end with a regret above {comparison.trapped_above:g}")
+    return "; ".join(parts) + "."
+
+
+def sentences(comparison: Comparison) -> list[str]:
+    """What may be said about the differences to the reference, and what was left out."""
+    lines = _differences(comparison)
+    for row in comparison.rows:
+        for measure in comparison.measures:
+            known = row[f"{measure.metric}/n"]
+            if 0 < known < row["n"]:
+                lines.append(
+                    f"{measure.title} of {row['name']} is known for {known} of {row['n']} seeds only."
+                )
+    if comparison.unfinished:
+        plural = "run was" if comparison.unfinished == 1 else "runs were"
+        lines.append(f"{comparison.unfinished} unfinished {plural} left out.")
+    return lines
+
+
+def _differences(comparison: Comparison) -> list[str]:
+    if comparison.reference is None:
+        return ["No run of the reference method is among these: no differences are shown."]
+    scale = comparison.scale(comparison.primary)
+    found: dict[str, list[str]] = {"lower": [], "higher": [], "open": [], "unknown": []}
+    for row in comparison.rows:
+        difference = interval_of(row, "difference")
+        if comparison.is_reference(row):
+            continue
+        if pd.isna(difference.low):
+            found["unknown"].append(row["name"])
+            continue
+        verdict = ("lower" if difference.value < 0 else "higher") if difference.excludes_zero else "open"
+        numbers = f"{scale.number(difference.value, signed=True)} {scale.ends(difference, signed=True)}"
+        found[verdict].append(f"{row['name']} {numbers}, n = {row['difference_n']:.0f}")
+    title, name = comparison.primary.title + scale.unit, comparison.reference_name
+    openings = {
+        "lower": f"{title} is lower than that of {name}, the interval excludes zero",
+        "higher": f"{title} is higher than that of {name}, the interval excludes zero",
+        "open": f"{title} is not shown to differ from that of {name}, the interval includes zero",
+        "unknown": f"No interval against {name}, fewer than two common seeds",
+    }
+    lines = [f"{openings[verdict]}: {'; '.join(names)}." for verdict, names in found.items() if names]
+    if any(found[verdict] for verdict in ("lower", "higher", "open")):
+        lines.append(
+            "Each interval holds at 95% on its own; none is corrected for the number of comparisons."
+        )
+    return lines

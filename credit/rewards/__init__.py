@@ -1,0 +1,1 @@
+"""Two estimators, many feature maps."""

@@ -1,0 +1,61 @@
+"""Feature maps on (s, a) of tabular problems."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+
+from credit.interfaces import FeatureMap
+from credit.types import FLOAT, NonNegativeInt, Problem, Steps
+
+
+class Identity(FeatureMap):
+    """One feature a pair (s, a): the tabular ridge reference (4)."""
+
+    domain: ClassVar = "tabular"
+
+    def start(self, problem: Problem) -> None:
+        """Learn S and A."""
+        self._actions, self._pairs = problem.actions, problem.pairs
+
+    def __call__(self, steps: Steps) -> Tensor:
+        """One-hot vectors [..., S·A]."""
+        return torch.nn.functional.one_hot(steps.pairs(self._actions), self._pairs).to(FLOAT)
+
+
+class Bilinear(FeatureMap):
+    """The features (1, s, a, s·a) of the advertiser's linear surrogate (3.3)."""
+
+    domain: ClassVar = "tabular"
+
+    def start(self, problem: Problem) -> None:
+        """Nothing to learn."""
+
+    def __call__(self, steps: Steps) -> Tensor:
+        """(1, s, a, s·a) [..., 4]."""
+        s, a = steps.states.to(FLOAT), steps.actions.to(FLOAT)
+        return torch.stack([torch.ones_like(s), s, a, s * a], dim=-1)
+
+
+class Threshold(FeatureMap):
+    """An action table for low states and one for high states: 2·A cells (3.3).
+
+    Args:
+        threshold: the last low state.
+    """
+
+    domain: ClassVar = "tabular"
+
+    def __init__(self, threshold: NonNegativeInt = 4) -> None:
+        self.threshold = threshold
+
+    def start(self, problem: Problem) -> None:
+        """Learn A."""
+        self._actions = problem.actions
+
+    def __call__(self, steps: Steps) -> Tensor:
+        """One-hot vectors [..., 2·A]: low states first."""
+        high = (steps.states > self.threshold).to(torch.int64)
+        return torch.nn.functional.one_hot(high * self._actions + steps.actions, 2 * self._actions).to(FLOAT)

@@ -1,0 +1,96 @@
+"""The linear estimator: ridge regression of labels on summed features, exact and updated window by window."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from credit.interfaces import FeatureMap, RewardModel
+from credit.types import FLOAT, Estimate, Positive, Problem, Steps, Windows
+
+
+class LinearModel(RewardModel):
+    """Linear in a feature map, fitted to window labels by ridge regression (4), (6).
+
+    θ = argmin Σ_i w_i (Y_i − x_iᵀθ)² + λ‖θ‖², with x_i = Σ_{t∈i} φ(s_t, a_t). On the identity map this is the tabular
+    ridge reference, on four features the linear surrogate. R × (1 + B) fits are kept as V⁻¹ = (XᵀWX + λI)⁻¹ and θ and
+    updated by the Sherman–Morrison formula (recursive least squares): exact, O(d²) a window whatever came before.
+
+    Args:
+        name: the model's name in metrics, files and figures.
+        features: the feature map φ.
+        regularization: λ > 0.
+    """
+
+    def __init__(self, name: str, features: FeatureMap, regularization: Positive = 0.1) -> None:
+        self.name = name
+        self.features = features
+        self.regularization = regularization
+
+    def start(self, problem: Problem, draws: int) -> None:
+        """Empty fits: θ = 0, V = λI."""
+        self._actions = problem.actions
+        self.features.start(problem)
+        self.table = self.features(all_pairs(problem))
+        self._shape = (problem.replicas, 1 + draws, self.table.shape[-1])
+        self._reset()
+
+    def _reset(self) -> None:
+        replicas, fits, size = self._shape
+        eye = torch.eye(size, dtype=FLOAT, device=self.table.device) / self.regularization
+        self._inverse = eye.repeat(replicas, fits, 1, 1)
+        self._theta = eye.new_zeros(self._shape)
+
+    def observe(self, windows: Windows, weights: Tensor) -> None:
+        """Update every fit with windows [R, K, T] and weights [R, K, 1+B]."""
+        sums = self.window_features(windows)
+        replicas, fits, size = self._shape
+        flat = self._inverse.view(replicas * fits, size, size)
+        for k in range(sums.shape[1]):
+            x, w = sums[:, k].unsqueeze(-1), weights[:, k]
+            u = torch.bmm(self._inverse.view(replicas, fits * size, size), x).view(self._shape)
+            gain = u * (w / torch.addcmul(torch.ones_like(w), w, torch.bmm(u, x).squeeze(-1))).unsqueeze(-1)
+            error = windows.labels[:, k : k + 1] - torch.bmm(self._theta, x).squeeze(-1)
+            flat.baddbmm_(gain.view(-1, size, 1), u.view(-1, 1, size), alpha=-1)
+            self._theta.addcmul_(gain, error.unsqueeze(-1))
+
+    def refit(self, windows: Windows, weights: Tensor) -> None:
+        """Forget everything and solve the weighted normal equations of windows [R, K, T]."""
+        self._reset()
+        x = self.window_features(windows)
+        penalty = self.regularization * torch.eye(x.shape[-1], dtype=FLOAT, device=x.device)
+        for fit in range(weights.shape[-1]):  # one fit at a time bounds the memory to that of the windows
+            weighted = x * weights[..., fit].unsqueeze(-1)
+            inverse = torch.linalg.inv(weighted.mT @ x + penalty)
+            self._inverse[:, fit] = inverse
+            self._theta[:, fit] = (inverse @ (weighted.mT @ windows.labels.unsqueeze(-1))).squeeze(-1)
+
+    def estimate(self) -> Estimate:
+        """Predictions Φθ for every pair: the point fit and the B draws."""
+        values = self._theta @ self.table.mT
+        return Estimate(values[:, 0], values[:, 1:])
+
+    def window_features(self, windows: Windows) -> Tensor:
+        """x_i = Σ_t φ(s_t, a_t) of every window, [R, K, d]."""
+        return self.table[windows.pairs(self._actions)].sum(-2)
+
+    @property
+    def theta(self) -> Tensor:
+        """The point fit's coefficients [R, d]."""
+        return self._theta[:, 0]
+
+    def leverage(self) -> Tensor:
+        """φᵀV⁻¹φ of every pair [R, N], the squared width of the proof's confidence set (38)."""
+        return torch.einsum("nd,rde,ne->rn", self.table, self._inverse[:, 0], self.table)
+
+    def perturbation(self, normal: Tensor) -> Tensor:
+        """Φ L z with L Lᵀ = V⁻¹ for standard normal z [R, d]: a posterior draw of the reward, less its mean [R, N]."""
+        factor = torch.linalg.cholesky(self._inverse[:, 0])
+        return (self.table @ (factor @ normal.unsqueeze(-1))).squeeze(-1)
+
+
+def all_pairs(problem: Problem) -> Steps:
+    """Every (s, a) once, in the order of the index s·A + a."""
+    index = torch.arange(problem.pairs, device=problem.device)
+    states = index // problem.actions
+    return Steps(states, index % problem.actions, states)

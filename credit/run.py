@@ -1,0 +1,189 @@
+"""Run one job: check, skip what is done, compute the rest side by side, and leave complete run folders."""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from credit import job as jobs
+from credit import registry, schema
+from credit.artifacts import recovery_arrays, write_arrays
+from credit.errors import RunError
+from credit.session import JobRecord, Session, new_session_id
+from credit.tracking.journal import Journal, git_commit, versions, write_atomically, write_json, write_yaml
+from credit.trainer import Trainer
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Result:
+    """How a job ended: its folders (those that were done before included), status, and final metrics [R]."""
+
+    title: str
+    folders: list[Path]
+    computed: list[int]
+    skipped: list[int]
+    status: str
+    seconds: float
+    metrics: dict[str, np.ndarray]
+    error: str | None = None
+
+
+def compose(overrides: Sequence[str] = (), *, config_dirs: Sequence[str] = ()) -> dict[str, Any]:
+    """The resolved and checked configuration of one job, without what it does not use.
+
+    Args:
+        overrides: as on the command line. config_dirs: further folders of YAML files.
+
+    Raises:
+        UserError: with every problem found.
+    """
+    return jobs.checked(registry.compose(overrides, config_dirs))
+
+
+def run(overrides: Sequence[str] = (), *, config_dirs: Sequence[str] = (), progress: Progress | None = None) -> Result:
+    """Run one job from Python, as `credit train` does.
+
+    Args:
+        overrides: as on the command line: `["method=reference", "replicas=5"]`.
+        config_dirs: further folders of YAML files.
+        progress: called with (title, steps done, steps in all).
+
+    Raises:
+        UserError: the configuration is wrong; nothing was made.
+
+    Example:
+        >>> credit.run(["experiment=advertiser", "method=reference", "replicas=5"]).metrics["regret/cumulative"]
+    """
+    config = compose(overrides, config_dirs=config_dirs)
+    job = jobs.Job.of(config)
+    session = Session(job.folder, new_session_id())
+    place(config, list(overrides))  # refuses a folder of another configuration before anything is made
+    session.start("job", job.experiment, f"credit.run({list(overrides)!r})", config["tracking"])
+    tracking = schema.build(config, "tracking")
+    tracking.start(session.folder, job.folder)
+    result = run_job(config, list(overrides), session, 0, progress)
+    session.finish(result.status)
+    tracking.finish()
+    return result
+
+
+def place(config: Mapping[str, Any], overrides: Sequence[str]) -> tuple[Path, list[int], list[int]]:
+    """The folder of a job's runs, the seeds to compute and the seeds that are done.
+
+    Raises:
+        UserError: a folder holds a run of another configuration.
+    """
+    job = jobs.Job.of(config)
+    parent = job.folder / job.experiment / job.method / registry.slug(overrides)
+    return parent, *jobs.split(config, parent)
+
+
+def run_job(
+    config: Mapping[str, Any],
+    overrides: Sequence[str],
+    session: Session,
+    number: int,
+    progress: Progress | None = None,
+) -> Result:
+    """Compute the seeds of a checked job that are not done yet.
+
+    A failure becomes the result's status and error, its traceback goes to `error.log` in the session's folder.
+
+    Raises:
+        UserError: the parts refuse their sizes, or a folder holds another run; no run was touched.
+        KeyboardInterrupt: after the journals were closed with status KILLED.
+    """
+    torch.set_num_threads(1)
+    job = jobs.Job.of(config)
+    parent, todo, done = place(config, overrides)
+    folders = [parent / f"seed-{seed}" for seed in job.seeds]
+    if not todo:
+        return Result(job.title, folders, [], done, "FINISHED", 0.0, {})
+    trainer: Trainer = schema.build(config, "trainer")
+    trainer.start(tuple(todo), jobs.device(job.device))
+    fresh = [parent / f"seed-{seed}" for seed in todo]
+    record = JobRecord(session, number, _facts(config, overrides, parent, todo, fresh))
+    started, cpu = record.facts["started"], time.process_time()
+    journal = Journal(fresh, started)
+    for seed, folder in zip(todo, fresh, strict=True):
+        write_yaml(folder / "config.yaml", {**config, "seed": seed, "replicas": 1, "rerun": False})
+    status, error = "KILLED", None
+    try:
+        trainer.run(
+            lambda step, values: journal.log(step, {name: column.tolist() for name, column in values.items()}),
+            lambda steps: progress(job.title, steps, trainer.steps) if progress else None,
+        )
+        status = "FINISHED"
+    except (RunError, ArithmeticError, OSError, RuntimeError, ValueError) as failure:
+        status, error = "FAILED", f"{type(failure).__name__}: {failure}"
+        with (session.folder / "error.log").open("a", encoding="utf-8") as log:
+            log.write(f"job {number} ({job.method}, seeds {todo[0]}–{todo[-1]})\n{traceback.format_exc()}\n")
+    finally:
+        journal.flush()
+        if status == "FINISHED":
+            _write_beliefs(trainer, fresh)
+        summary = _summary(config, record, status, time.process_time() - cpu)
+        for seed, folder, last in zip(todo, fresh, journal.last, strict=True):
+            write_json(folder / "summary.json", summary | {"seed": seed, "metrics": last})
+            if status == "FINISHED":
+                write_atomically(folder / "DONE", summary["config_hash"] + "\n")
+        record.finish(status, error)
+    metrics = {name: np.array([last[name] for last in journal.last]) for name in journal.last[0]}
+    return Result(job.title, folders, todo, done, status, time.time() - started, metrics, error)
+
+
+def _facts(
+    config: Mapping[str, Any], overrides: Sequence[str], parent: Path, seeds: list[int], folders: list[Path]
+) -> dict[str, Any]:
+    job = jobs.Job.of(config)
+    return {
+        "experiment": job.experiment,
+        "method": job.method,
+        "title": job.title,
+        "slug": parent.name,
+        "env": config["env"]["_target_"].rpartition(".")[2],
+        "seeds": seeds,
+        "folders": [str(folder.relative_to(job.folder)) for folder in folders],
+        "config_hash": jobs.identity(config),
+        "config": dict(config),
+        "overrides": list(overrides),
+    }
+
+
+def _summary(config: Mapping[str, Any], record: JobRecord, status: str, cpu_seconds: float) -> dict[str, Any]:
+    """What is common to the runs of a job; CPU seconds are the job's, divided evenly."""
+    facts, now = record.facts, time.time()
+    share = 1 / len(facts["seeds"])
+    kept = {key: facts[key] for key in ("experiment", "method", "slug", "session", "config_hash")}
+    return kept | {
+        "status": status,
+        "job": facts["id"],
+        "started": facts["started"],
+        "finished": now,
+        "wall_seconds": now - facts["started"],
+        "cpu_seconds": cpu_seconds * share,
+        "git_commit": git_commit(),
+        "versions": versions(),
+        "paper": {"name": config["title"]},
+    }
+
+
+def _write_beliefs(trainer: Trainer, folders: list[Path]) -> None:
+    recovery = trainer.recovery()
+    if recovery is None:
+        return
+    policy = trainer.optimizer.policies()["behaviour"]
+    for index, folder in enumerate(folders):
+        arrays = recovery_arrays(trainer.problem, index, trainer.dataset, recovery, trainer.oracle.truth, policy)
+        write_arrays(folder / "recovery.npz", arrays)
+
+

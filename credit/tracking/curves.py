@@ -1,0 +1,93 @@
+"""Reading the local journal of a run while it grows, and averaging runs into one curve."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from scipy.special import stdtrit
+
+SECONDS = "time/seconds"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One logging point: the step (primitive environment steps) and every finite metric known there."""
+
+    step: int
+    values: dict[str, float]
+
+    @property
+    def seconds(self) -> float:
+        """Wall seconds since the job started."""
+        return self.values.get(SECONDS, 0.0)
+
+
+@dataclass
+class Journal:
+    """A `metrics.csv` that is followed while it is written."""
+
+    path: Path
+    rows: list[Row] = field(default_factory=list)
+    _offset: int = 0
+    _names: list[str] = field(default_factory=list)
+
+    def follow(self) -> None:
+        """Read the whole lines that were added since the last call."""
+        if not self.path.exists():
+            return
+        if self.path.stat().st_size < self._offset:  # the job was started again
+            self.rows, self._offset, self._names = [], 0, []
+        with self.path.open("rb") as handle:
+            handle.seek(self._offset)
+            new = handle.read()
+        whole = new[: new.rfind(b"\n") + 1]
+        self._offset += len(whole)
+        for cells in csv.reader(whole.decode().splitlines()):
+            if not self._names:
+                self._names = cells[1:]
+            else:
+                self.rows.append(Row(int(cells[0]), _finite(self._names, cells[1:])))
+
+
+def _finite(names: list[str], cells: list[str]) -> dict[str, float]:
+    values = ((name, float(cell)) for name, cell in zip(names, cells, strict=True) if cell)
+    return {name: value for name, value in values if math.isfinite(value)}
+
+
+def mean_rows(journals: list[list[Row]], after: int = -1) -> list[Row]:
+    """The mean over runs of every metric, with its 95% t-interval.
+
+    Args:
+        journals: the rows of each run.
+        after: only steps beyond this one.
+
+    Returns:
+        A row for each step that all runs have reached, with the metrics that all of them know there: `m` is
+        the mean; `interval/m_low` and `interval/m_high` (with `_` for `/` in m) exist for two runs or more.
+    """
+    tables = [{row.step: row for row in rows if row.step > after} for rows in journals]
+    if not tables:
+        return []
+    steps = sorted(set.intersection(*(set(table) for table in tables)))
+    return [_mean_row(step, [table[step].values for table in tables]) for step in steps]
+
+
+def _mean_row(step: int, runs: list[dict[str, float]]) -> Row:
+    names = [name for name in runs[0] if all(name in values for values in runs)]
+    table = np.array([[values[name] for name in names] for values in runs])
+    mean = table.mean(axis=0)
+    values = dict(zip(names, mean.tolist(), strict=True))
+    if SECONDS in values:
+        values[SECONDS] = max(run[SECONDS] for run in runs)
+    count = len(runs)
+    if count > 1:
+        half = stdtrit(count - 1, 0.975) * table.std(axis=0, ddof=1) / math.sqrt(count)
+        for name, middle, width in zip(names, mean.tolist(), half.tolist(), strict=True):
+            if not name.startswith("time/"):
+                stem = f"interval/{name.replace('/', '_')}"
+                values[f"{stem}_low"], values[f"{stem}_high"] = middle - width, middle + width
+    return Row(step, values)

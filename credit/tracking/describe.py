@@ -1,0 +1,94 @@
+"""What a run is called in MLflow, and its tags and parameters: pure functions of the journal's JSON files."""
+
+from __future__ import annotations
+
+import getpass
+import json
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+MAX_PARAM, MAX_PARAM_KEY, MAX_TAG = 6000, 250, 8000
+_FORBIDDEN = re.compile(r"[^\w\-. :/]")
+
+
+@dataclass(frozen=True)
+class RunCard:
+    """The face of one MLflow run: its name, when it started (epoch seconds), tags and flat parameters."""
+
+    name: str
+    started: float
+    tags: dict[str, str]
+    params: dict[str, str]
+
+
+def flatten(config: Mapping[str, Any]) -> dict[str, str]:
+    """A nested configuration as flat text: `{"env": {"size": 10}}` becomes `{"env.size": "10"}`."""
+    return {_cut(safe_name(key), MAX_PARAM_KEY): _cut(text, MAX_PARAM) for key, text in _leaves("", config)}
+
+
+def _leaves(prefix: str, node: Any) -> Iterator[tuple[str, str]]:
+    if isinstance(node, Mapping) and node:
+        for key, value in node.items():
+            yield from _leaves(f"{prefix}.{key}" if prefix else str(key), value)
+    elif prefix:
+        yield prefix, node if isinstance(node, str) else json.dumps(node)
+
+
+def safe_name(name: str) -> str:
+    """A metric or parameter name with only the characters that MLflow accepts."""
+    return _FORBIDDEN.sub("_", name)
+
+
+def _cut(text: str, limit: int) -> str:
+    return text if len(text) <= limit else f"{text[: limit - 3]}..."
+
+
+def sweep_card(session: Mapping[str, Any]) -> RunCard:
+    """The run of a whole `credit train -m` command."""
+    tags = _common(session) | {"level": "sweep"}
+    return RunCard(f"sweep {session['id']}", session["started"], _text(tags), {})
+
+
+def job_card(session: Mapping[str, Any], job: Mapping[str, Any], parent: str | None) -> RunCard:
+    """The run of one method with all its replicas."""
+    seeds = job["seeds"]
+    tags = _common(session) | _of_job(job, parent)
+    tags |= {"level": "job", "seeds": f"{seeds[0]}..{seeds[-1]}" if len(seeds) > 1 else str(seeds[0])}
+    slug = "" if job["slug"] == "default" else f" {job['slug']}"
+    return RunCard(f"{job['method']}{slug}", job["started"], _text(tags), flatten(job["config"]))
+
+
+def seed_card(session: Mapping[str, Any], job: Mapping[str, Any], seed: int, parent: str | None) -> RunCard:
+    """The run of one seed of a job."""
+    tags = _common(session) | _of_job(job, parent) | {"level": "seed", "seed": seed}
+    return RunCard(f"seed-{seed}", job["started"], _text(tags), flatten({**job["config"], "seed": seed}))
+
+
+def _common(session: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        "session": session["id"],
+        "host": session["host"],
+        "mlflow.user": getpass.getuser(),
+        "mlflow.source.name": session["command"],
+        "mlflow.source.type": "LOCAL",
+    }
+
+
+def _of_job(job: Mapping[str, Any], parent: str | None) -> dict[str, Any]:
+    tags = {
+        "method": job["method"],
+        "slug": job["slug"],
+        "environment": job["env"],
+        "job": job["number"],
+        "config_hash": job["config_hash"],
+        "git_commit": job["git_commit"],
+        "mlflow.source.git.commit": job["git_commit"],
+        "mlflow.parentRunId": parent,
+    }
+    return {name: value for name, value in tags.items() if value is not None}
+
+
+def _text(tags: Mapping[str, Any]) -> dict[str, str]:
+    return {name: _cut(str(value), MAX_TAG) for name, value in tags.items()}

@@ -1,0 +1,181 @@
+"""The local journal of a session, mirrored to MLflow: a sweep, below it jobs, below them seeds.
+
+The journal is the truth. What is uploaded twice does no harm (the same step, value and time are one point in
+MLflow), so the work of a mirror that was killed is continued by the next one.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from credit.tracking import Seeds
+from credit.tracking.curves import Journal, mean_rows
+from credit.tracking.describe import job_card, seed_card, sweep_card
+from credit.tracking.ledger import Ledger, Upload
+
+AUTO_SEEDS = 20
+SEED_INTERVAL = 5.0
+SEED_FILES = ("config.yaml", "summary.json", "recovery.npz")
+
+Json = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a mirror is: rows uploaded, rows in the journal, whether all is done, and what was given up."""
+
+    done: int
+    total: int
+    closed: bool
+    problems: tuple[str, ...] = ()
+
+
+class Mirror:
+    """Uploads what is new in one session's journal.
+
+    Args:
+        output: output folder, from which the journal's paths start.
+        session: the session's folder; `mlflow.json` in it remembers what was uploaded.
+        uri: resolved address of the store.
+        seeds: which seeds get a run of their own: the first 20 of a job, all, or none.
+    """
+
+    def __init__(self, output: Path, session: Path, uri: str, seeds: Seeds = "auto"):
+        self._output, self._folder, self._seeds = output, session, seeds
+        self._ledger = Ledger(session / "mlflow.json", uri, output, _read(session / "session.json")["id"])
+        self._journals: dict[int, list[Journal]] = {}
+        self._seeds_due: dict[int, float] = {}
+        self._waiting: dict[str, int] = {}
+        self._finished: dict[int, Json] = {}
+
+    def sync(self, orphaned: bool = False) -> Progress:
+        """Upload what is new.
+
+        Args:
+            orphaned: the process that wrote the journal is gone, so what still says RUNNING was killed.
+
+        Raises:
+            Exception: MLflow cannot be reached or written now; call again later.
+        """
+        session = _read(self._folder / "session.json")
+        if orphaned and session["status"] == "RUNNING":
+            session["status"] = "KILLED"
+        ended = session["status"] != "RUNNING"
+        paths = sorted(self._folder.glob("job-*.json"), key=lambda path: int(path.stem.removeprefix("job-")))
+        jobs = [_read(path) for path in paths]
+        try:
+            if session["kind"] == "sweep":
+                self._sync_sweeps(session, jobs)
+            for job in jobs:
+                if ended and job["status"] == "RUNNING":
+                    job["status"] = "KILLED"
+                if self._finished.get(job["number"]) != job:
+                    self._sync_job(session, job)
+        finally:
+            self._ledger.save()
+        entries = self._ledger.entries.values()
+        done = sum(entry.rows for entry in entries)
+        return Progress(
+            done=done,
+            total=done + sum(self._waiting.values()),
+            closed=ended and all(entry.status != "RUNNING" or entry.problem for entry in entries),
+            problems=tuple(entry.problem for entry in entries if entry.problem),
+        )
+
+    def _sync_sweeps(self, session: Json, jobs: list[Json]) -> None:
+        """One run a sweep; one in each experiment where its jobs lie in several."""
+        last = max((job["finished"] or job["started"] for job in jobs), default=session["started"])
+        for experiment in dict.fromkeys(job["experiment"] for job in jobs):
+            key, card = _sweep_key(experiment), sweep_card(session)
+            finished = session["finished"] or last
+            self._ledger.upload(Upload(key, experiment, card, status=session["status"], finished=finished))
+
+    def _sync_job(self, session: Json, job: Json) -> None:
+        number = job["number"]
+        folders = [self._output / path for path in job["folders"]]
+        journals = self._journals.setdefault(number, [Journal(path / "metrics.csv") for path in folders])
+        try:
+            for journal in journals:
+                journal.follow()
+        except ValueError as error:
+            self._ledger.give_up(str(number), f"{job['method']}: a metrics.csv cannot be read: {error}")
+            return
+        seconds = max((journal.rows[-1].seconds for journal in journals if journal.rows), default=0.0)
+        finished = job["finished"] or job["started"] + seconds
+        self._upload_job(session, job, finished)
+        shown = {"auto": AUTO_SEEDS, "all": len(folders), "none": 0}[self._seeds]
+        self._upload_seeds(session, job, finished, folders[:shown])
+        if job["status"] != "RUNNING":
+            self._finished[number] = job
+            del self._journals[number]
+
+    def _upload_job(self, session: Json, job: Json, finished: float) -> None:
+        key = str(job["number"])
+        parent = self._run_id(_sweep_key(job["experiment"])) if session["kind"] == "sweep" else None
+        entry = self._ledger.entries.get(key)
+        rows = mean_rows(
+            [journal.rows for journal in self._journals[job["number"]]], entry.step if entry else -1
+        )
+        config = yaml.safe_dump(job["config"], sort_keys=False)
+        self._ledger.upload(
+            Upload(
+                key=key,
+                experiment=job["experiment"],
+                card=job_card(session, job, parent),
+                rows=rows,
+                status=job["status"],
+                finished=finished,
+                texts=(("config.yaml", config),),
+            )
+        )
+
+    def _upload_seeds(self, session: Json, job: Json, finished: float, folders: list[Path]) -> None:
+        number, begin = job["number"], time.monotonic()
+        running = job["status"] == "RUNNING"
+        due = not running or begin >= self._seeds_due.get(number, 0.0)
+        for seed, folder, journal in zip(job["seeds"], folders, self._journals[number], strict=False):
+            key = f"{number}/{seed}"
+            if due:
+                end = {"status": job["status"], "finished": finished} | _summary(folder, session["id"])
+                self._ledger.upload(
+                    Upload(
+                        key=key,
+                        experiment=job["experiment"],
+                        card=seed_card(session, job, seed, self._run_id(str(number))),
+                        rows=journal.rows,
+                        status=end["status"],
+                        finished=end["finished"],
+                        files=[folder / name for name in SEED_FILES if (folder / name).exists()],
+                    )
+                )
+            entry = self._ledger.entries.get(key)
+            self._waiting[key] = sum(row.step > (entry.step if entry else -1) for row in journal.rows)
+        if due and running:
+            # The seeds get a tenth of the time at most, so that the curves of the jobs stay live.
+            self._seeds_due[number] = begin + max(SEED_INTERVAL, 10 * (time.monotonic() - begin))
+
+    def _run_id(self, key: str) -> str | None:
+        entry = self._ledger.entries.get(key)
+        return entry.id if entry else None
+
+
+def _sweep_key(experiment: str) -> str:
+    return f"sweep {experiment}"
+
+
+def _read(path: Path) -> Json:
+    content: Json = json.loads(path.read_text())
+    return content
+
+
+def _summary(folder: Path, session: str) -> Json:
+    """The summary that this session wrote; one from an earlier session says nothing about this run."""
+    path = folder / "summary.json"
+    summary = _read(path) if path.exists() else {}
+    return summary if summary.get("session") == session else {}

@@ -1,0 +1,111 @@
+"""Opening MLflow: the store's address, the experiment, and quiet."""
+
+from __future__ import annotations
+
+import fcntl
+import logging
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from mlflow import MlflowClient
+
+ALLOWED = "sqlite:///FILE, postgresql://..., mysql://..., mssql://..., http://HOST:PORT or https://HOST"
+_URI = re.compile(r"sqlite:///\S|(postgresql|mysql|mssql)(\+\w+)?://\S|https?://[\w\[]")
+_SQLITE = "sqlite:///"
+_QUIET = {
+    "MLFLOW_DISABLE_TELEMETRY": "true",
+    "DO_NOT_TRACK": "true",
+    "MLFLOW_LOGGING_LEVEL": "ERROR",
+    "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
+    "GIT_PYTHON_REFRESH": "quiet",
+    # MLflow's own retries can hide an unreachable server for minutes; the uploader has its own back-off.
+    "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "2",
+    "MLFLOW_HTTP_REQUEST_TIMEOUT": "20",
+}
+
+
+def uri_problem(uri: str | None) -> str | None:
+    """What is wrong with a tracking URI, or None where it can be used."""
+    if uri is None or _URI.match(uri):
+        return None
+    hint = "; a folder of files is no longer supported by MLflow" if "://" not in uri else ""
+    return f"tracking.uri={uri!r} is not a tracking URI{hint}; allowed: {ALLOWED}, or null for the default"
+
+
+def resolve_uri(uri: str | None, output: Path) -> str:
+    """The store's full address: by default in the output folder; SQLite paths become absolute."""
+    if uri is None:
+        return f"{_SQLITE}{(output / 'mlflow.db').resolve()}"
+    if uri.startswith(_SQLITE):
+        return f"{_SQLITE}{Path(uri.removeprefix(_SQLITE)).resolve()}"
+    return uri
+
+
+def sqlite_file(uri: str) -> Path | None:
+    """The file behind a resolved SQLite address; None for any other store."""
+    return Path(uri.removeprefix(_SQLITE)) if uri.startswith(_SQLITE) else None
+
+
+@contextmanager
+def _only_one_process(output: Path) -> Iterator[None]:
+    output.mkdir(parents=True, exist_ok=True)
+    with open(output / ".mlflow.lock", "w") as handle:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+
+
+def quiet_environment() -> dict[str, str]:
+    """The environment with what keeps MLflow silent, and makes it give up on a dead server soon.
+
+    MLflow reads it when it is imported, so every entry point sets it before.
+    """
+    return _QUIET | os.environ
+
+
+def open_experiment(uri: str, output: Path, name: str) -> tuple[MlflowClient, str]:
+    """Open the store and an experiment in it; create what is missing.
+
+    Args:
+        uri: resolved address of the store.
+        output: output folder; artifacts go to `<output>/artifacts` unless a server keeps them.
+        name: the experiment's name.
+
+    Returns:
+        MLflow's client and the experiment's id.
+
+    Raises:
+        RuntimeError: the experiment was deleted in MLflow.
+    """
+    from mlflow import MlflowClient
+    from mlflow.exceptions import MlflowException
+
+    for noisy in ("mlflow", "alembic"):
+        logging.getLogger(noisy).setLevel(logging.ERROR)
+    # Two processes that migrate the schema of a fresh SQLite file at once kill each other.
+    with _only_one_process(output):
+        client = MlflowClient(uri)
+        experiment = client.get_experiment_by_name(name)
+        if experiment is None:
+            location = None if uri.startswith("http") else (output / "artifacts").resolve().as_uri()
+            try:
+                identity = client.create_experiment(
+                    name, location, tags={"mlflow.experimentKind": "custom_model_development"}
+                )
+            except MlflowException:
+                # Someone on another machine may have been faster on a shared server.
+                experiment = client.get_experiment_by_name(name)
+                if experiment is None:
+                    raise
+            else:
+                return client, str(identity)
+    if experiment.lifecycle_stage == "deleted":
+        raise RuntimeError(
+            f"the experiment {name!r} was deleted in MLflow ({uri}); restore it with "
+            f"`mlflow experiments restore --experiment-id {experiment.experiment_id}`"
+        )
+    return client, str(experiment.experiment_id)

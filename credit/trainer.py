@@ -1,0 +1,113 @@
+"""The six arrows: collect → feedback → dataset → recover → relabel → improve. One trainer for every experiment."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from credit.component import Component
+from credit.dataset import Dataset
+from credit.errors import RunError, UserError
+from credit.interfaces import CreditAssigner, Environment, Feedback, Optimizer, RewardFunction
+from credit.types import PositiveInt, Problem, Recovery, Windows
+
+Log = Callable[[int, dict[str, Tensor]], None]
+
+
+class Trainer(Component):
+    """Algorithms B.1 and B.2: run a policy for some windows, learn a reward from their labels, improve the policy.
+
+    Args:
+        env: where steps happen.
+        feedback: what a label is.
+        assigner: windows → one reward per step.
+        optimizer: rewards → policy.
+        steps: primitive steps a run; a last window that they cut short gives no label and is not learned from.
+        windows_per_round: windows collected between two refits.
+        log_every: windows between two rows of the journal.
+    """
+
+    def __init__(
+        self,
+        env: Environment,
+        feedback: Feedback,
+        assigner: CreditAssigner,
+        optimizer: Optimizer,
+        steps: PositiveInt = 14_000,
+        windows_per_round: PositiveInt = 1,
+        log_every: PositiveInt = 40,
+    ) -> None:
+        self.env = env
+        self.feedback = feedback
+        self.assigner = assigner
+        self.optimizer = optimizer
+        self.steps = steps
+        self.windows_per_round = windows_per_round
+        self.log_every = log_every
+
+    def start(self, seeds: tuple[int, ...], device: torch.device | str = "cpu") -> None:
+        """Make the state of one replica a seed; everything that can be refused is refused here.
+
+        Raises:
+            UserError: the parts do not go together with these sizes.
+        """
+        window = self.feedback.window
+        if self.steps < window:
+            raise UserError(f"trainer.steps={self.steps}: shorter than one window (feedback.window={window})")
+        self.problem: Problem = self.env.problem(window, seeds, device)
+        for part in (self.env, self.feedback, self.assigner, self.optimizer):
+            part.start(self.problem)
+        self.oracle = self.env.oracle(self.problem)
+        self.dataset = Dataset(self.problem, self.steps // window)
+        self._shows_primitive = any(model.sees_primitive for model in getattr(self.assigner, "models", ()))
+
+    def run(self, log: Log, progress: Callable[[int], None] = lambda steps: None) -> None:
+        """Take all steps.
+
+        Args:
+            log: called with the step and the metrics [R] every `log_every` windows and at the end.
+            progress: called with the number of steps taken so far.
+
+        Raises:
+            RunError: a label is NaN or infinite.
+        """
+        whole, rest = divmod(self.steps, self.problem.window)
+        done = 0
+        while done < whole:
+            windows = self._collect(min(self.windows_per_round, whole - done))
+            self.dataset.append(windows)
+            self.assigner.observe(self.dataset)
+            self.optimizer.improve(self.dataset, self.assigner)
+            before, done = done, len(self.dataset)
+            progress(done * self.problem.window)
+            if done // self.log_every > before // self.log_every and (done < whole or rest):
+                log(done * self.problem.window, self.metrics())
+        if rest:
+            _, primitive = self.env.collect(self.optimizer.act, self.feedback, 1, rest)
+            self.oracle.update(primitive, None)
+        progress(self.steps)
+        log(self.steps, self.metrics())
+
+    def metrics(self) -> dict[str, Tensor]:
+        """Metric → [R], judged by the oracle."""
+        values: dict[str, Tensor] = self.oracle.metrics(self.optimizer.policies(), self.recovery())
+        return values
+
+    def recovery(self) -> Recovery | None:
+        """What is believed about the reward, where the assigner believes something."""
+        return self.assigner.recovery() if isinstance(self.assigner, RewardFunction) else None
+
+    def _collect(self, count: int) -> Windows:
+        windows, primitive = self.env.collect(self.optimizer.act, self.feedback, count, self.problem.window)
+        finite = torch.isfinite(windows.labels)
+        if not finite.all():
+            replica, k = (int(i) for i in (~finite).nonzero()[0])
+            raise RunError(
+                f"window {len(self.dataset) + k} of seed {self.problem.seeds[replica]} has the label "
+                f"{float(windows.labels[replica, k])}: labels must be finite; look at the environment's reward and at feedback"
+            )
+        self.oracle.update(primitive, windows.labels)
+        return replace(windows, primitive=primitive) if self._shows_primitive else windows

@@ -1,0 +1,114 @@
+"""The few records that pass between the rooms.
+
+Shapes everywhere: R replicas, K windows, T steps, S states, A actions, N = S·A pairs, M models, B draws, d features.
+Tabular tensors are float64; a pair (s, a) has the index n = s·A + a.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import torch
+from annotated_types import Ge, Gt, Interval
+from torch import Tensor
+
+# Ranges: the check derives its schema from signatures, so a range is written here and nowhere else.
+Positive = Annotated[float, Gt(0)]
+NonNegative = Annotated[float, Ge(0)]
+Probability = Annotated[float, Interval(ge=0, le=1)]
+PositiveInt = Annotated[int, Ge(1)]
+NonNegativeInt = Annotated[int, Ge(0)]
+
+FLOAT = torch.float64
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What a learner may know before its first step: sizes and the window, never P or r.
+
+    Attributes:
+        states: S. actions: A. window: T, steps that share one label.
+        seeds: one seed a replica; R = len(seeds).
+        episodic: whether every window starts from the initial distribution.
+        device: where tensors live.
+    """
+
+    states: int
+    actions: int
+    window: int
+    seeds: tuple[int, ...]
+    episodic: bool
+    device: torch.device
+
+    @property
+    def replicas(self) -> int:
+        """R."""
+        return len(self.seeds)
+
+    @property
+    def pairs(self) -> int:
+        """N = S·A."""
+        return self.states * self.actions
+
+    def zeros(self, *shape: int) -> Tensor:
+        """A float64 tensor of zeros [R, *shape]."""
+        return torch.zeros(self.replicas, *shape, dtype=FLOAT, device=self.device)
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Steps that were taken: states, actions, next_states, any leading shape, int64."""
+
+    states: Tensor
+    actions: Tensor
+    next_states: Tensor
+
+    def pairs(self, actions: int) -> Tensor:
+        """Index s·A + a of every step, same shape."""
+        return self.states * actions + self.actions
+
+
+@dataclass(frozen=True)
+class Windows(Steps):
+    """Labelled windows: Steps of shape [R, K, T], labels [R, K].
+
+    Attributes:
+        labels: Y, all that a learner is told about a window.
+        primitive: r [R, K, T], only for components that declare `sees_primitive` (the oracle); None for all others.
+    """
+
+    labels: Tensor
+    primitive: Tensor | None = None
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What one reward model predicts: mean [R, N] from all data, draws [R, B, N] whose spread is its variance."""
+
+    mean: Tensor
+    draws: Tensor
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """What the learner believes about the reward, equations (9)–(19), reference first among the models.
+
+    Attributes:
+        models: M names. mean: [R, M, N] fitted r̂_j. draws: [R, B, N] of each model. mse: [R, M, N] proxies (10), (11).
+        disagreement: [R, M−1, N] Δ̂² of each surrogate (9). weights: [R, M, N] (14).
+        best: [R, N] index of the locally best model (16). mixed: [R, N] (15).
+        bonus: name → [R, N]. plan: [R, N] mixed + bonuses (17), (19). visits: [R, N] counts N(s, a).
+    """
+
+    models: tuple[str, ...]
+    mean: Tensor
+    draws: tuple[Tensor, ...]
+    mse: Tensor
+    disagreement: Tensor
+    weights: Tensor
+    best: Tensor
+    mixed: Tensor
+    bonus: dict[str, Tensor]
+    plan: Tensor
+    visits: Tensor

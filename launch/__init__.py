@@ -1,0 +1,1 @@
+"""What a user types. Each command is a thin module with `main(argv) -> exit code`."""

@@ -1,0 +1,129 @@
+"""`credit compare`: tables, intervals and figures from finished runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from credit.errors import UserError, nearest
+
+HELP = """\
+Compare finished runs of an experiment: tables, intervals and figures.
+
+Usage: credit compare [KEY=VALUE ...]
+
+  experiment=NAME        the experiment whose runs are compared          (advertiser)
+  method=A,B             only these methods                              (all)
+  slug=A,B               only these variants; `default` has no overrides (all)
+  seed=N                 the first seed                                  (all)
+  replicas=N             how many seeds from there (or 0) on             (all)
+  reference=METHOD       the method that the others are compared to      (reference)
+  trapped_above=X        final regret above which a seed is trapped      (300)
+  diagnostics_seed=N     heat maps of this seed instead of the mean      (mean over seeds)
+  output=DIR             where runs lie and reports go                   (outputs)
+  tracking=mlflow|none   log the report beside the training runs         (mlflow)
+
+Examples:
+  credit compare experiment=advertiser
+  credit compare method=reference,disagreement seed=1000 replicas=100
+"""
+
+
+def main(argv: list[str]) -> int:
+    """Run the command.
+
+    Args:
+        argv: the words after `credit compare`.
+
+    Returns:
+        The exit code, 0.
+
+    Raises:
+        UserError: a key or a value is not valid, or there is nothing to compare.
+    """
+    if {"-h", "--help"} & set(argv):
+        print(HELP, end="")
+        return 0
+    options = _parse(argv)
+    from rich.console import Console
+
+    from credit.report.compare import compare
+    from credit.report.tables import terminal_tables
+    from credit.report.text import caption, sentences
+
+    report = compare(**options)
+    console = Console(highlight=False, markup=False)
+    if not console.is_terminal:
+        console.width = 100
+    for table in terminal_tables(report.comparison, console.width):
+        console.print(table, "")
+    for line in sentences(report.comparison):
+        console.print(line)
+    console.print(caption(report.comparison), style="dim")
+    console.print(f"\nTables and figures in {report.folder}:", soft_wrap=True)
+    console.print("  " + "  ".join(path.name for path in report.files))
+    if report.logged:
+        console.print(report.logged, soft_wrap=True)
+    return 0
+
+
+def _parse(argv: list[str]) -> dict[str, Any]:
+    """The arguments of `credit.report.compare.compare`, from KEY=VALUE words."""
+    options: dict[str, Any] = {"experiment": "advertiser", "output": Path("outputs")}
+    problems = []
+    for word in argv:
+        key, equals, text = word.partition("=")
+        if not equals:
+            problems.append(f"{word!r} is not of the form KEY=VALUE")
+        elif key not in _READERS:
+            problems.append(f"unknown key {key!r}: {nearest(key, _READERS)}")
+        else:
+            argument, reader, allowed = _READERS[key]
+            try:
+                options[argument] = reader(text)
+            except (ValueError, KeyError):
+                problems.append(f"{key}={text}: expected {allowed}")
+    if problems:
+        raise UserError("; ".join(problems) + ". See `credit compare --help`.")
+    return options
+
+
+def _names(text: str) -> list[str]:
+    names = [name.strip() for name in text.split(",")]
+    if not all(names):
+        raise ValueError(text)
+    return names
+
+
+def _name(text: str) -> str:
+    (name,) = _names(text)
+    return name
+
+
+def _whole(least: int) -> Callable[[str], int]:
+    def read(text: str) -> int:
+        if int(text) < least:
+            raise ValueError(text)
+        return int(text)
+
+    return read
+
+
+def _tracked(text: str) -> bool:
+    return {"mlflow": True, "none": False}[text]
+
+
+# key → argument of `compare`, how its text is read, what is allowed
+_READERS: dict[str, tuple[str, Callable[[str], Any], str]] = {
+    "experiment": ("experiment", _name, "one name"),
+    "method": ("methods", _names, "names separated by commas"),
+    "slug": ("slugs", _names, "names separated by commas"),
+    "seed": ("seed", _whole(0), "a whole number, 0 or more"),
+    "replicas": ("replicas", _whole(1), "a whole number, 1 or more"),
+    "reference": ("reference", _name, "one name"),
+    "trapped_above": ("trapped_above", float, "a number"),
+    "diagnostics_seed": ("diagnostics_seed", _whole(0), "a whole number, 0 or more"),
+    "output": ("output", Path, "a folder"),
+    "tracking": ("log", _tracked, "mlflow or none"),
+}

@@ -1,0 +1,52 @@
+"""`credit list`: every registered component, with its parameters and their defaults."""
+
+from __future__ import annotations
+
+import sys
+
+from omegaconf import OmegaConf
+
+from credit import registry, schema
+from credit.errors import UserError, nearest
+from launch.common import Words
+
+
+def main(argv: list[str]) -> int:
+    """Print the kinds, or everything of one kind."""
+    words = Words.parse(argv)
+    kinds = {**registry.CHOICES, **{name: kind.help for name, kind in registry.KINDS.items()}}
+    if words.help:
+        print("usage: credit list [KIND] [--config-dir DIR]\n\nkinds: " + ", ".join(kinds))
+        return 0
+    for kind in words.overrides:
+        if kind not in kinds:
+            raise UserError(f"{kind!r} is no kind; {nearest(kind, kinds)}")
+    for kind in words.overrides or kinds:
+        print(f"{kind}: {kinds[kind]}")
+        for name, path in registry.options(kind, words.config_dirs).items():
+            print(f"  {name:<18} {registry.describe_file(path)}")
+            for line in parameters(path) if kind in registry.KINDS else ():
+                print(f"  {'':<18}   {line}")
+        print()
+    return 0
+
+
+def parameters(path: object) -> list[str]:
+    """One line a parameter: `name = default   what is allowed`."""
+    node = OmegaConf.to_container(OmegaConf.load(str(path)))
+    assert isinstance(node, dict)
+    if "_target_" not in node:
+        return [f"{key} = {value}" for key, value in node.items() if key != "defaults"]
+    hints = schema.signature(schema.resolve(str(path), {str(k): v for k, v in node.items()}))
+    rows = []
+    for name, (hint, default) in hints.items():
+        if schema.component_kind(hint) is None:
+            value = node.get(name, default)
+            rows.append(f"{name} = {'null' if value is None else value}   ({schema.describe(hint)})")
+    return rows
+
+
+if __name__ == "__main__":
+    from launch.cli import guarded
+
+    sys.exit(guarded("list", sys.argv[1:]))

@@ -1,0 +1,78 @@
+"""Synthetic run folders, written as the trainer writes them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+NAMES = {
+    "block": "Block-UCB",
+    "delayed": "Delayed Q-learning",
+    "reference": "Ridge-UCB",
+    "adaptive_mse": "Adaptive MSE-UCB",
+    "disagreement": "Disagreement-UCB",
+}
+WriteRun = Callable[..., Path]
+
+
+def recovery_arrays(rng: np.random.Generator, states: int = 4, actions: int = 3) -> dict[str, Any]:
+    """What a learner believes at the end, with arrays [S, A]."""
+    truth = rng.normal(size=(states, actions))
+    weight = rng.uniform(size=(states, actions))
+    arrays: dict[str, Any] = {
+        "models": np.array(["ridge", "linear"]),
+        "reward/true": truth,
+        "reward/mixed": truth + 0.1,
+    }
+    arrays |= {"reward/ridge": truth + 0.2, "reward/linear": truth - 0.3}
+    return arrays | {"weight/ridge": weight, "weight/linear": 1 - weight}
+
+
+@pytest.fixture
+def write_run(tmp_path: Path) -> WriteRun:
+    """Writes one run folder below tmp_path/outputs and returns it."""
+
+    def write(
+        method: str,
+        seed: int,
+        metrics: Mapping[str, float | None],
+        *,
+        experiment: str = "advertiser",
+        slug: str = "default",
+        config_hash: str | None = None,
+        steps: tuple[int, ...] = (100, 200, 300),
+        recovery: Mapping[str, Any] | None = None,
+        done: bool = True,
+    ) -> Path:
+        folder = tmp_path / "outputs" / experiment / method / slug / f"seed-{seed}"
+        folder.mkdir(parents=True)
+        final = {name: np.nan if value is None else value for name, value in metrics.items()}
+        rows = [{name: value * step / steps[-1] for name, value in final.items()} for step in steps]
+        curve = pd.DataFrame(rows)
+        curve.insert(0, "step", steps)
+        curve.to_csv(folder / "metrics.csv", index=False)
+        summary = {
+            "experiment": experiment,
+            "method": method,
+            "slug": slug,
+            "seed": seed,
+            "status": "FINISHED",
+            "config_hash": config_hash or f"hash-of-{method}-{slug}",
+            "git_commit": "abc123",
+            "metrics": dict(metrics),
+            "paper": {"name": NAMES.get(method, method)},
+        }
+        (folder / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
+        if recovery is not None:
+            np.savez(folder / "recovery.npz", **recovery)
+        if done:
+            (folder / "DONE").write_text(summary["config_hash"], encoding="utf-8")
+        return folder
+
+    return write

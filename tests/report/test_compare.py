@@ -1,0 +1,155 @@
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from credit.errors import UserError
+from credit.report.compare import compare
+from credit.report.style import COLOURS, SPARE, colours
+from launch.compare import main
+
+from .conftest import WriteRun, recovery_arrays
+
+
+@pytest.fixture
+def output(write_run: WriteRun, tmp_path: Path) -> Path:
+    rng = np.random.default_rng(0)
+    for seed in range(4):
+        for method, regret in {"block": 2000.0, "reference": 90.0, "disagreement": 80.0}.items():
+            mse = None if method == "block" else 0.002
+            arrays = recovery_arrays(rng) if method == "disagreement" else None
+            metrics = {"regret/cumulative": regret + seed, "reward/mse": mse}
+            write_run(method, seed, metrics, recovery=arrays)
+    return tmp_path / "outputs"
+
+
+def session(output: Path, started: float, tracking: object) -> None:
+    folder = output / "sessions" / f"session-{started:g}"
+    folder.mkdir(parents=True)
+    node = {"experiment": "advertiser", "started": started, "tracking": tracking}
+    (folder / "session.json").write_text(json.dumps(node), encoding="utf-8")
+
+
+def test_compare_writes_tables_and_figures(output: Path):
+    report = compare(output, "advertiser", log=False)
+    figures = [
+        f"{name}.{ending}" for name in ("curves", "distribution", "diagnostics") for ending in ("png", "svg")
+    ]
+    assert report.folder == output / "reports" / "advertiser"
+    assert [path.name for path in report.files] == [
+        "table.md",
+        "table.csv",
+        "table.tex",
+        "runs.csv",
+        *figures,
+    ]
+    assert all(path.stat().st_size > 100 for path in report.files)
+    assert report.logged == ""
+    runs = pd.read_csv(report.folder / "runs.csv")
+    assert list(runs) == [
+        "method", "slug", "seed", "config_hash", "git_commit", "regret/cumulative", "reward/mse",
+    ]  # fmt: skip
+    assert len(runs) == 12
+    assert runs.loc[runs["method"] == "block", "regret/cumulative"].tolist() == [
+        2000.0,
+        2001.0,
+        2002.0,
+        2003.0,
+    ]
+
+
+def test_the_same_runs_give_the_same_files(output: Path):
+    first = [path.read_bytes() for path in compare(output, "advertiser", log=False).files]
+    assert first == [path.read_bytes() for path in compare(output, "advertiser", log=False).files]
+
+
+def test_heat_maps_of_one_seed_and_of_none(output: Path):
+    mean = (compare(output, "advertiser", log=False).folder / "diagnostics.svg").read_text()
+    one = compare(output, "advertiser", diagnostics_seed=2, log=False)
+    assert (one.folder / "diagnostics.svg").read_text() != mean
+    with pytest.raises(
+        UserError, match=r"diagnostics_seed=9 is not among the finished seeds of Disagreement"
+    ):
+        compare(output, "advertiser", diagnostics_seed=9, log=False)
+    without = compare(output, "advertiser", methods=["block", "reference"], log=False)
+    assert not (without.folder / "diagnostics.svg").exists()
+
+
+def test_large_or_missing_tables_are_not_drawn(write_run: WriteRun, tmp_path: Path):
+    arrays = recovery_arrays(np.random.default_rng(0), states=40, actions=8)
+    write_run("disagreement", 0, {"regret/cumulative": -3.0}, recovery=arrays)
+    report = compare(tmp_path / "outputs", "advertiser", log=False)
+    assert "diagnostics.png" not in {path.name for path in report.files}
+
+
+def test_scores_around_zero_and_far_apart_can_be_drawn(write_run: WriteRun, tmp_path: Path):
+    for seed in range(25):
+        write_run("oracle", seed, {"regret/cumulative": 20.0 + seed if seed else -5.0})
+        write_run("block", seed, {"regret/cumulative": 2000.0})
+    assert len(compare(tmp_path / "outputs", "advertiser", log=False).files) == 8
+
+
+def test_colours_are_fixed_and_apart():
+    chosen = colours(["reference", "b_new", "a_new"])
+    assert chosen == {"reference": COLOURS["reference"], "a_new": SPARE[0], "b_new": SPARE[1]}
+    assert len({*COLOURS.values(), *SPARE}) == len(COLOURS) + len(SPARE)
+
+
+def test_command_prints_tables_sentences_and_files(output: Path, capsys: pytest.CaptureFixture[str]):
+    assert main([f"output={output}", "method=reference,disagreement", "tracking=none"]) == 0
+    text = capsys.readouterr().out
+    assert "Disagreement-UCB" in text
+    assert "Block-UCB" not in text
+    assert "the interval excludes zero" in " ".join(text.split())
+    assert str(output / "reports" / "advertiser") in text
+    assert "MLflow" not in text
+
+
+def test_command_line_problems_are_reported_together():
+    with pytest.raises(
+        UserError, match=r"(?s)did you mean 'method'.*replicas=0: expected a whole number, 1"
+    ) as caught:
+        main(["metod=block", "replicas=0", "tracking=maybe", "seed"])
+    assert "tracking=maybe: expected mlflow or none" in str(caught.value)
+    assert "'seed' is not of the form KEY=VALUE" in str(caught.value)
+
+
+def test_help_names_every_key_without_loading_pandas():
+    code = "import sys; from launch.compare import main; main(['--help']); sys.exit('pandas' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    for key in ("experiment", "method", "slug", "seed", "replicas", "reference", "output", "tracking"):
+        assert f"  {key}=" in done.stdout
+
+
+def test_nothing_finished_leaves_no_folder(tmp_path: Path):
+    with pytest.raises(UserError, match="credit train -m"):
+        main([f"output={tmp_path / 'none'}"])
+    assert not (tmp_path / "none").exists()
+
+
+def test_the_newest_session_decides_where_to_log(output: Path, monkeypatch: pytest.MonkeyPatch):
+    calls = []
+    monkeypatch.setattr("credit.tracking.report_run.log_report", lambda *args: calls.append(args))
+    session(output, 1.0, {"uri": "old"})
+    session(output, 2.0, {"uri": "sqlite:///new.db"})
+    report = compare(output, "advertiser")
+    assert report.logged.startswith("Logged to MLflow")
+    (arguments,) = calls
+    assert arguments[:4] == (output, "sqlite:///new.db", "advertiser", report.folder)
+    assert arguments[4]["reference/regret/cumulative/mean"] == 91.5
+    session(output, 3.0, None)
+    assert "was not tracked" in compare(output, "advertiser").logged
+    assert len(calls) == 1
+
+
+def test_a_store_that_fails_costs_one_line(output: Path, monkeypatch: pytest.MonkeyPatch):
+    def fail(*_args: object) -> None:
+        raise ConnectionError("refused\nand much more")
+
+    monkeypatch.setattr("credit.tracking.report_run.log_report", fail)
+    session(output, 1.0, {"uri": None})
+    assert compare(output, "advertiser").logged == "Not logged to MLflow: ConnectionError: refused"

@@ -1,0 +1,109 @@
+from pathlib import Path
+
+import pytest
+
+from credit.errors import UserError
+from credit.report.runs import describe_seeds, load_curves, load_runs
+
+from .conftest import WriteRun
+
+REGRET = {"regret/cumulative": 100.0}
+
+
+def test_loads_final_metrics_sorted_by_seed(write_run: WriteRun, tmp_path: Path):
+    for seed in (10, 2):
+        write_run("reference", seed, {"regret/cumulative": float(seed), "reward/mse": None})
+    runs = load_runs(tmp_path / "outputs", "advertiser")
+    assert runs.frame["seed"].tolist() == [2, 10]
+    assert runs.frame["regret/cumulative"].tolist() == [2.0, 10.0]
+    assert runs.frame["name"].unique().tolist() == ["Ridge-UCB"]
+    assert runs.metrics == ["regret/cumulative"]
+
+
+def test_unfinished_runs_are_counted_and_not_used(write_run: WriteRun, tmp_path: Path):
+    write_run("reference", 0, REGRET)
+    folder = write_run("reference", 1, REGRET, done=False)
+    runs = load_runs(tmp_path / "outputs", "advertiser")
+    assert runs.frame["seed"].tolist() == [0]
+    assert runs.unfinished == (folder,)
+
+
+def test_filters(write_run: WriteRun, tmp_path: Path):
+    for method in ("reference", "block"):
+        for seed in range(5):
+            write_run(method, seed, REGRET)
+    write_run("block", 2, REGRET, slug="ties-random")
+    output = tmp_path / "outputs"
+    chosen = load_runs(output, "advertiser", methods=["block"], slugs=["default"], seed=1, replicas=3).frame
+    assert chosen[["method", "slug", "seed"]].to_numpy().tolist() == [
+        ["block", "default", seed] for seed in (1, 2, 3)
+    ]
+    assert load_runs(output, "advertiser", seed=3).frame["seed"].unique().tolist() == [3, 4]
+    assert load_runs(output, "advertiser", replicas=2).frame["seed"].unique().tolist() == [0, 1]
+
+
+def test_different_configurations_are_not_averaged(write_run: WriteRun, tmp_path: Path):
+    write_run("reference", 0, REGRET, config_hash="aaaa")
+    write_run("reference", 1, REGRET, config_hash="bbbb")
+    write_run("block", 0, REGRET)
+    with pytest.raises(UserError, match=r"reference/default: aaaa \(seeds 0 \(1\)\), bbbb \(seeds 1 \(1\)\)"):
+        load_runs(tmp_path / "outputs", "advertiser")
+    assert len(load_runs(tmp_path / "outputs", "advertiser", seed=1).frame) == 1
+
+
+def test_nothing_at_all_says_what_to_run(tmp_path: Path):
+    with pytest.raises(
+        UserError, match=r"Found no runs at all.*credit train -m experiment=advertiser method="
+    ):
+        load_runs(tmp_path / "outputs", "advertiser")
+
+
+def test_nothing_finished_names_what_was_found(write_run: WriteRun, tmp_path: Path):
+    write_run("block", 0, REGRET, done=False)
+    write_run("delayed", 0, REGRET, experiment="sepsis")
+    output = tmp_path / "outputs"
+    with pytest.raises(UserError, match=r"1 unfinished run\(s\) of block"):
+        load_runs(output, "advertiser")
+    with pytest.raises(UserError, match="Found runs of advertiser, sepsis only"):
+        load_runs(output, "pointmaze")
+    with pytest.raises(UserError, match="Finished runs exist for delayed, but none that was asked for"):
+        load_runs(output, "sepsis", seed=100)
+
+
+def test_a_method_without_runs_is_an_error(write_run: WriteRun, tmp_path: Path):
+    write_run("disagreement", 0, REGRET)
+    with pytest.raises(UserError, match="did you mean 'disagreement'"):
+        load_runs(tmp_path / "outputs", "advertiser", methods=["disagreement", "disagrement"])
+
+
+def test_a_damaged_run_is_named(write_run: WriteRun, tmp_path: Path):
+    folder = write_run("reference", 0, REGRET)
+    (folder / "summary.json").write_text("{", encoding="utf-8")
+    with pytest.raises(UserError, match=r"seed-0 is marked as finished, but its summary\.json"):
+        load_runs(tmp_path / "outputs", "advertiser")
+
+
+def test_curves_on_the_same_steps_are_stacked(write_run: WriteRun, tmp_path: Path):
+    for seed in (0, 1):
+        write_run("reference", seed, {"regret/cumulative": 30.0 * (seed + 1), "reward/mse": None})
+    frame = load_runs(tmp_path / "outputs", "advertiser").frame
+    curves = load_curves(frame, "regret/cumulative")
+    assert curves is not None
+    assert curves[0].tolist() == [100, 200, 300]
+    assert curves[1].round(9).tolist() == [[10, 20, 30], [20, 40, 60]]
+    assert load_curves(frame, "reward/mse") is None
+    assert load_curves(frame, "eval/success") is None
+
+
+def test_curves_on_different_steps_are_interpolated(write_run: WriteRun, tmp_path: Path):
+    write_run("reference", 0, {"eval/success": 1.0}, steps=(0, 100, 200))
+    write_run("reference", 1, {"eval/success": 1.0}, steps=(0, 50, 100))
+    curves = load_curves(load_runs(tmp_path / "outputs", "advertiser").frame, "eval/success")
+    assert curves is not None
+    assert curves[0].tolist() == [0, 50, 100]
+    assert curves[1].tolist() == [[0, 0.25, 0.5], [0, 0.5, 1.0]]
+
+
+def test_seeds_are_described_as_a_range():
+    assert describe_seeds([4]) == "4 (1)"
+    assert describe_seeds([0, 1, 5]) == "0–5 (3)"

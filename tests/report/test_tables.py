@@ -1,0 +1,177 @@
+import io
+import re
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from rich.console import Console
+
+from credit.errors import UserError
+from credit.report.comparison import Comparison, summarise
+from credit.report.published import load_paper
+from credit.report.runs import load_runs
+from credit.report.scale import Scale
+from credit.report.tables import csv, latex, markdown, terminal_tables
+from credit.report.text import caption, sentences
+
+from .conftest import WriteRun
+
+
+@pytest.fixture
+def comparison(write_run: WriteRun, tmp_path: Path) -> Comparison:
+    """Ridge 100, 110, 120, 130; block far above; disagreement within reach, on other seeds too; a variant."""
+    for seed, regret in enumerate((100.0, 110.0, 120.0, 130.0)):
+        write_run("reference", seed, {"regret/cumulative": regret, "reward/mse": 0.002 + seed * 1e-4})
+        write_run("block", seed, {"regret/cumulative": 2000.0 + seed, "reward/mse": None})
+    for seed, regret in {2: 119.0, 3: 132.0, 4: 900.0}.items():
+        write_run("disagreement", seed, {"regret/cumulative": regret, "reward/mse": 0.001})
+    write_run("block", 0, {"regret/cumulative": 1600.0, "reward/mse": None}, slug="ties_random")
+    write_run("our_own", 0, {"regret/cumulative": 50.0, "reward/mse": None}, done=False)
+    runs = load_runs(tmp_path / "outputs", "advertiser")
+    return summarise(runs, paper=load_paper("advertiser"))
+
+
+def row(comparison: Comparison, name: str) -> pd.Series:
+    return comparison.table.set_index("name").loc[name]
+
+
+def test_the_papers_methods_come_first_and_in_its_order(comparison: Comparison):
+    assert comparison.table["name"].tolist() == [
+        "Block-UCB",
+        "Block-UCB (ties_random)",
+        "Ridge-UCB",
+        "Disagreement-UCB",
+    ]
+
+
+def test_numbers_by_hand(comparison: Comparison):
+    ridge, ours = row(comparison, "Ridge-UCB"), row(comparison, "Disagreement-UCB")
+    assert ridge["regret/cumulative/mean"] == 115.0
+    assert ridge["regret/cumulative/se"] == pytest.approx((500 / 3) ** 0.5 / 2)
+    assert ridge["iqm"] == 115.0
+    assert ridge["regret/cumulative/paper_mean"] == 195.42
+    assert ours["trapped"] == 1
+    # 2 of 12 pairs are won by 119 (against 120, 130), 132 and 900 win none
+    assert ours["improvement"] == pytest.approx(2 / 12)
+
+
+def test_differences_are_paired_on_common_seeds_only(comparison: Comparison):
+    ours = row(comparison, "Disagreement-UCB")
+    assert ours["difference_n"] == 2
+    assert ours["difference"] == pytest.approx((-1 + 2) / 2)
+    assert pd.isna(row(comparison, "Ridge-UCB")["difference"])
+
+
+def test_unknown_metrics_are_left_out(comparison: Comparison):
+    assert [measure.metric for measure in comparison.measures] == ["regret/cumulative", "reward/mse"]
+    assert pd.isna(row(comparison, "Block-UCB")["reward/mse/mean"])
+    assert "AUC" not in markdown(comparison)
+
+
+def test_sentences_claim_only_what_the_intervals_show(comparison: Comparison):
+    text = "\n".join(sentences(comparison))
+    assert re.search(r"higher than that of Ridge-UCB, the interval excludes zero: Block-UCB \+1886\.\d", text)
+    assert re.search(r"not shown to differ .*: Disagreement-UCB \+0\.5 \[.*\], n = 2\.", text)
+    assert "No interval against Ridge-UCB, fewer than two common seeds: Block-UCB (ties_random)." in text
+    assert "is lower" not in text
+    assert "1 unfinished run was left out." in text
+
+
+def test_markdown(comparison: Comparison):
+    text = markdown(comparison)
+    assert "| Ridge-UCB | 0–3 (n = 4) | 115.0 ± 6.5 [195.4 ± 42.1] | 2.15 ± 0.06 [2.12 ± 0.32] |" in text
+    assert "| Method | Seeds | Final regret | Mixed reward MSE (×10⁻³) |" in text
+    assert "the paper's Table 1, 20 seeds" in text
+    tables = [line for line in text.splitlines() if line.startswith("|")]
+    assert {line.count("|") for line in tables[:6]} == {5}
+    assert {line.count("|") for line in tables[6:]} == {7}
+
+
+def test_csv_holds_the_raw_numbers(comparison: Comparison):
+    table = pd.read_csv(io.StringIO(csv(comparison)))
+    pd.testing.assert_frame_equal(table, comparison.table, check_dtype=False)
+
+
+def test_latex_is_well_formed(comparison: Comparison):
+    text = latex(comparison)
+    assert text.isascii()
+    assert text.count("\\begin{") == text.count("\\end{") == 3
+    assert "Block-UCB (ties\\_random)" in text
+    assert "$\\times$10$^{-3}$" in text
+    for part in text.split("\\begin{tabular}")[1:]:
+        rows = [line for line in part.splitlines() if line.startswith("{}")]
+        assert len({line.count(" & ") for line in rows}) == 1
+        assert all(line.endswith(" \\\\") for line in rows)
+    assert text.count("{") == text.count("}")
+    assert not re.search(r"(?<!\\)[%#_]", text.split("\n", 1)[1])
+
+
+@pytest.mark.parametrize("width", [60, 80, 100])
+def test_terminal_tables_fit(comparison: Comparison, width: int):
+    console = Console(width=width, file=io.StringIO(), record=True)
+    for table in terminal_tables(comparison, width):
+        console.print(table)
+    text = console.export_text()
+    assert "…" not in text
+    assert "115.0 ± 6.5" in text
+    assert "[195.4 ± 42.1]" in text
+    assert "P(improvement)" in text
+
+
+def test_without_the_reference_there_are_no_differences(write_run: WriteRun, tmp_path: Path):
+    write_run("block", 0, {"regret/cumulative": 1.0})
+    comparison = summarise(load_runs(tmp_path / "outputs", "advertiser"))
+    assert "difference" not in comparison.table
+    assert "Difference" not in markdown(comparison)
+    assert sentences(comparison) == [
+        "No run of the reference method is among these: no differences are shown."
+    ]
+
+
+def test_other_experiments_are_compared_by_what_they_measure(write_run: WriteRun, tmp_path: Path):
+    for seed in range(3):
+        write_run("reference", seed, {"eval/success": 0.5 + 0.1 * seed}, experiment="maze")
+        write_run("delayed", seed, {"eval/success": 0.1 * seed}, experiment="maze")
+    comparison = summarise(load_runs(tmp_path / "outputs", "maze"), paper=load_paper("maze"))
+    assert comparison.primary.metric == "eval/success"
+    assert "trapped" not in comparison.table
+    assert row(comparison, "Delayed Q-learning")["improvement"] == 0.0
+    assert "has the higher success rate" in caption(comparison)
+
+
+def test_runs_without_any_measure_are_an_error(write_run: WriteRun, tmp_path: Path):
+    write_run("reference", 0, {"time/fit": 1.0})
+    with pytest.raises(UserError, match="they have time/fit"):
+        summarise(load_runs(tmp_path / "outputs", "advertiser"))
+
+
+def test_a_metric_that_some_seeds_lack_is_said(write_run: WriteRun, tmp_path: Path):
+    write_run("reference", 0, {"regret/cumulative": 1.0, "policy/error": 0.5})
+    write_run("reference", 1, {"regret/cumulative": 2.0, "policy/error": None})
+    comparison = summarise(load_runs(tmp_path / "outputs", "advertiser"))
+    assert "Policy error of Ridge-UCB is known for 1 of 2 seeds only." in sentences(comparison)
+
+
+def test_flat_metrics_name_the_method(comparison: Comparison):
+    assert comparison.metrics["reference/regret/cumulative/mean"] == 115.0
+    assert comparison.metrics["block/ties_random/iqm"] == 1600.0
+    assert not any(value != value for value in comparison.metrics.values())
+
+
+def test_scale_follows_size_and_error():
+    scale = Scale.of(pd.Series([2.27e6, 1.6e5]), pd.Series([6.0e3, 2.4e4]))
+    assert (scale.exponent, scale.unit, scale.number(2.27e6)) == (3, " (×10³)", "2270")
+    assert Scale.of(pd.Series([0.3, 0.9]), pd.Series([0.06, 0.0])) == Scale(0, 2)
+    assert Scale.of(pd.Series([0.3, 0.9]), pd.Series([0.04, 0.1])) == Scale(0, 3)
+    assert Scale.of(pd.Series([5.0]), pd.Series([float("nan")])) == Scale(0, 3)
+    assert Scale(0, 1).number(-0.5) == "−0.5"
+    assert Scale(0, 1).number(float("nan")) == "–"
+
+
+def test_the_papers_table_is_complete():
+    paper = load_paper("advertiser")
+    assert paper is not None
+    assert list(paper.methods) == ["block", "delayed", "reference", "adaptive_mse", "disagreement"]
+    assert paper.methods["disagreement"]["reward/mse"] == (0.00149, 0.00014)
+    assert "reward/mse" not in paper.methods["block"]
+    assert load_paper("unknown") is None
