@@ -39,9 +39,9 @@ def policy_iteration(
     Returns:
         A Plan. Ties within 1e-9 of the scale of h keep the current action, else go to the first.
     """
-    replicas, states, _ = reward.shape
-    rows = torch.arange(replicas, device=reward.device).unsqueeze(1)
-    columns = torch.arange(states, device=reward.device).unsqueeze(0)
+    replicas, states, actions = reward.shape
+    first = torch.arange(0, replicas * states * actions, actions, device=reward.device).view(replicas, states)
+    rows = transition.reshape(-1, states)
     eye = torch.eye(states, dtype=reward.dtype, device=reward.device)
     common = torch.ones_like(reward)
     if discount < 1:
@@ -49,13 +49,14 @@ def policy_iteration(
     if policy is None:
         policy = torch.zeros(replicas, states, dtype=torch.int64, device=reward.device)
     for _ in range(sweeps):
-        matrix = eye - discount * transition[rows, columns, policy]
-        matrix[:, :, 0] = common[rows, columns, policy]
-        solution = torch.linalg.solve_ex(matrix, reward[rows, columns, policy])[0]
+        chosen = first + policy
+        matrix = torch.sub(eye, rows[chosen], alpha=discount)
+        matrix[:, :, 0] = common.take(chosen)
+        solution = torch.linalg.solve_ex(matrix, reward.take(chosen))[0]
         gain = solution[:, 0].clone()
         solution[:, 0] = 0
-        ahead = torch.matmul(transition.flatten(1, 2), solution.unsqueeze(-1)).view_as(reward)
-        values = reward + discount * ahead - gain[:, None, None] * common
+        ahead = torch.bmm(rows.view(replicas, -1, states), solution.unsqueeze(-1)).view_as(reward)
+        values = torch.add(reward, ahead, alpha=discount) - gain[:, None, None] * common
         better = improved(values, policy, solution)
         if torch.equal(better, policy):
             break

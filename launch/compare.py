@@ -77,7 +77,7 @@ def _parse(argv: list[str]) -> dict[str, Any]:
         if not equals:
             problems.append(f"{word!r} is not of the form KEY=VALUE")
         elif key not in _READERS:
-            problems.append(f"unknown key {key!r}: {nearest(key, _READERS)}")
+            problems.append(f"unknown key {key!r}; {nearest(key, _READERS)}")
         else:
             argument, reader, allowed = _READERS[key]
             try:
@@ -85,7 +85,7 @@ def _parse(argv: list[str]) -> dict[str, Any]:
             except (ValueError, KeyError):
                 problems.append(f"{key}={text}: expected {allowed}")
     if problems:
-        raise UserError("; ".join(problems) + ". See `credit compare --help`.")
+        raise UserError("\n".join([*problems, "`credit compare --help` lists what can be set"]))
     return options
 
 
@@ -127,3 +127,11 @@ _READERS: dict[str, tuple[str, Callable[[str], Any], str]] = {
     "output": ("output", Path, "a folder"),
     "tracking": ("log", _tracked, "mlflow or none"),
 }
+
+
+if __name__ == "__main__":
+    import sys
+
+    from launch.cli import guarded
+
+    sys.exit(guarded("compare", sys.argv[1:]))

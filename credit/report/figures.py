@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, SymmetricalLogLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from credit.report import statistics, style
 from credit.report.comparison import Comparison, Measure, display_name, interval_of, ordered_groups
@@ -96,7 +96,7 @@ def distribution_figure(runs: Runs, comparison: Comparison) -> Figure:
             middle.value, place, "o", markersize=5.5, color=palette[method], markeredgecolor="black", zorder=5
         )
     every = runs.frame[measure.metric].dropna()
-    _spread_out(axes, every.to_numpy(dtype=float))
+    remark = _spread_out(axes, every.to_numpy(dtype=float))
     axes.xaxis.set_major_formatter(FuncFormatter(style.thousands))
     if comparison.counts_trapped and every.max() > comparison.trapped_above:
         axes.axvline(
@@ -111,28 +111,41 @@ def distribution_figure(runs: Runs, comparison: Comparison) -> Figure:
             fontsize=7.5,
             color="#555555",
         )
-    axes.set_yticks(range(len(groups)), [display_name(group) for _, _, group in groups])
+    axes.set_yticks(range(len(groups)), [_two_lines(display_name(group)) for _, _, group in groups])
     axes.tick_params(axis="y", length=0)
     axes.set_ylim(len(groups) - 0.5, -0.6)
     axes.spines["left"].set_visible(False)
     axes.grid(axis="x")
-    axes.set_xlabel(f"{measure.title} (points: seeds; circle and bar: interquartile mean, 95% interval)")
+    axes.set_xlabel(
+        f"{measure.title} (points: seeds; circle and bar: interquartile mean, 95% interval{remark})"
+    )
     return figure
 
 
-def _spread_out(axes: Axes, scores: Array) -> None:
-    """A logarithmic axis where scores differ tenfold; linear around zero where some are not positive."""
-    typical = float(np.quantile(scores, 0.05))
-    if typical <= 0 or scores.max() < 10 * typical:
-        return
+def _spread_out(axes: Axes, scores: Array) -> str:
+    """A logarithmic axis where scores differ tenfold; where some are not positive, linear around zero.
+
+    Returns:
+        What a reader has to be told about the axis.
+    """
+    lower = float(np.quantile(scores, 0.25))
+    if lower <= 0 or scores.max() < 10 * lower:
+        return ""
+    remark = ""
     if scores.min() > 0:
         axes.set_xscale("log")
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     else:
-        linear = 10 ** np.floor(np.log10(typical))
-        axes.set_xscale("symlog", linthresh=linear)
-        axes.xaxis.set_major_locator(SymmetricalLogLocator(base=10, linthresh=linear, subs=[1.0, 2.0, 5.0]))
+        linear = 10.0 ** round(np.log10(lower))
+        decades = 10.0 ** np.arange(np.ceil(np.log10(scores.max() / linear)))
+        limits = (min(1.3 * scores.min(), -0.1 * linear), 1.2 * scores.max())
+        ticks = np.array([-2, -1, -0.5, 0, 0.5, *np.outer(decades, [1, 2, 5]).ravel()]) * linear
+        axes.set_xscale("symlog", linthresh=linear, linscale=1.5)
+        axes.set_xticks(ticks[(ticks >= limits[0]) & (ticks <= limits[1])])
+        axes.set_xlim(*limits)
+        remark = f"; linear up to {linear:g}"
     axes.xaxis.set_minor_formatter(NullFormatter())
+    return remark
 
 
 def _curves(runs: Runs, metric: str) -> list[Curve]:
@@ -169,4 +182,9 @@ def _draw(axes: Axes, lines: list[Curve], measure: Measure, limits: tuple[float,
 
 
 def _label(line: Curve) -> tuple[float, str, str]:
-    return float(line.mean[-1]), line.name, line.colour
+    return float(line.mean[-1]), _two_lines(line.name), line.colour
+
+
+def _two_lines(name: str) -> str:
+    """The slug of a variant below its name."""
+    return name.replace(" (", "\n(")

@@ -64,7 +64,7 @@ def heatmaps_figure(runs: Runs, seed: int | None = None) -> Figure | None:
     for axes in places[len(rewards) :]:
         axes.set_visible(False)
     _draw(last, weight, weight_name, colormaps["Blues"], share)
-    who = f"seed {seed}" if seed is not None else f"mean over {len(files)} seeds"
+    who = f"seed {chosen['seed'].iloc[0]}" if len(files) == 1 else f"mean over {len(files)} seeds"
     figure.suptitle(f"{name}, end of training, {who}", fontsize=10, x=0.01, ha="left")
     # The weight stands last in the last row, so that its bar can stand beside it.
     for part, limits, colours, label in (

@@ -24,7 +24,8 @@ class Scale:
     def of(cls, means: pd.Series[float], errors: pd.Series[float]) -> Scale:
         """The scale of a column: a power of a thousand where all means are very large or very small.
 
-        The smallest standard error shows two digits, or one where its first digit is 5 or more.
+        The smallest standard error shows two digits, or one where its first digit is 5 or more; without
+        errors the smallest mean shows three.
 
         Args:
             means: one a row of the table, NaN = not known.
@@ -34,7 +35,10 @@ class Scale:
         exponent = 0
         if len(sizes) and (sizes.min() >= 1e4 or sizes.max() < 0.05):
             exponent = 3 * math.floor(math.log10(sizes.min()) / 3)
-        digits = 1 - math.floor(math.log10(2 * spreads.min() / 10**exponent)) if len(spreads) else 3
+        if len(spreads):
+            digits = 1 - math.floor(math.log10(2 * spreads.min() / 10**exponent))
+        else:
+            digits = 2 - math.floor(math.log10(sizes.min() / 10**exponent)) if len(sizes) else 0
         return cls(exponent, min(max(digits, 0), 3))
 
     @property

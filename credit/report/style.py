@@ -67,12 +67,12 @@ def label_ends(axes: Axes, labels: list[tuple[float, str, str]], gap: float = 0.
     Args:
         axes: the panel, with its limits already set.
         labels: (height of the line's end in data units, name, colour).
-        gap: least distance between two names, as a share of the panel's height.
+        gap: height of a line of text, as a share of the panel's height.
     """
     low, high = axes.get_ylim()
-    ends = sorted(((height - low) / (high - low), height, name, colour) for height, name, colour in labels)
-    places = _spread([place for place, *_ in ends], gap)
-    for place, (origin, _, name, colour) in zip(places, ends, strict=True):
+    ends = sorted(((height - low) / (high - low), name, colour) for height, name, colour in labels)
+    places = _spread([(origin, gap * (1 + name.count("\n"))) for origin, name, _ in ends])
+    for place, (origin, name, colour) in zip(places, ends, strict=True):
         axes.annotate(
             name,
             xy=(1.0, origin),
@@ -107,24 +107,29 @@ def save(figure: Figure | None, folder: Path, name: str) -> list[Path]:
     return paths
 
 
-def _spread(wanted: list[float], gap: float) -> list[float]:
-    """Move sorted places apart until neighbours are `gap` away; a cluster stays centred where it was."""
-    clusters = [[place] for place in wanted]
-    merged = True
-    while merged:
-        merged = False
-        for index in range(len(clusters) - 1):
-            left, right = clusters[index], clusters[index + 1]
-            if _centre(right) - _centre(left) < gap * (len(left) + len(right)) / 2:
-                clusters[index : index + 2] = [left + right]
-                merged = True
-                break
-    return [
-        _centre(cluster) + gap * (position - (len(cluster) - 1) / 2)
-        for cluster in clusters
-        for position in range(len(cluster))
-    ]
+def _spread(wanted: list[tuple[float, float]]) -> list[float]:
+    """Places for labels that each want (place, height), sorted; what would overlap is stacked."""
+    clusters = [[label] for label in wanted]
+    index = 0
+    while index < len(clusters) - 1:
+        left, right = clusters[index], clusters[index + 1]
+        if _middle(right) - _middle(left) < (_height(left) + _height(right)) / 2:
+            clusters[index : index + 2] = [left + right]
+            index = max(index - 1, 0)
+        else:
+            index += 1
+    places = []
+    for cluster in clusters:
+        foot = _middle(cluster) - _height(cluster) / 2
+        for _, height in cluster:
+            places.append(foot + height / 2)
+            foot += height
+    return places
 
 
-def _centre(cluster: list[float]) -> float:
-    return sum(cluster) / len(cluster)
+def _middle(cluster: list[tuple[float, float]]) -> float:
+    return sum(place for place, _ in cluster) / len(cluster)
+
+
+def _height(cluster: list[tuple[float, float]]) -> float:
+    return sum(height for _, height in cluster)

@@ -27,7 +27,7 @@ class Row:
 
 
 @dataclass
-class Journal:
+class Follower:
     """A `metrics.csv` that is followed while it is written."""
 
     path: Path

@@ -15,7 +15,7 @@ from typing import Any
 import yaml
 
 from credit.tracking import Seeds
-from credit.tracking.curves import Journal, mean_rows
+from credit.tracking.curves import Follower, mean_rows
 from credit.tracking.describe import job_card, seed_card, sweep_card
 from credit.tracking.ledger import Ledger, Upload
 
@@ -49,7 +49,7 @@ class Mirror:
     def __init__(self, output: Path, session: Path, uri: str, seeds: Seeds = "auto"):
         self._output, self._folder, self._seeds = output, session, seeds
         self._ledger = Ledger(session / "mlflow.json", uri, output, _read(session / "session.json")["id"])
-        self._journals: dict[int, list[Journal]] = {}
+        self._journals: dict[int, list[Follower]] = {}
         self._seeds_due: dict[int, float] = {}
         self._waiting: dict[str, int] = {}
         self._finished: dict[int, Json] = {}
@@ -99,7 +99,7 @@ class Mirror:
     def _sync_job(self, session: Json, job: Json) -> None:
         number = job["number"]
         folders = [self._output / path for path in job["folders"]]
-        journals = self._journals.setdefault(number, [Journal(path / "metrics.csv") for path in folders])
+        journals = self._journals.setdefault(number, [Follower(path / "metrics.csv") for path in folders])
         try:
             for journal in journals:
                 journal.follow()

@@ -1,4 +1,5 @@
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -9,7 +10,11 @@ import pytest
 
 from credit.errors import UserError
 from credit.report.compare import compare
-from credit.report.style import COLOURS, SPARE, colours
+from credit.report.comparison import summarise
+from credit.report.figures import distribution_figure
+from credit.report.heatmaps import heatmaps_figure
+from credit.report.runs import load_runs
+from credit.report.style import COLOURS, SPARE, colours, save
 from launch.compare import main
 
 from .conftest import WriteRun, recovery_arrays
@@ -25,6 +30,12 @@ def output(write_run: WriteRun, tmp_path: Path) -> Path:
             metrics = {"regret/cumulative": regret + seed, "reward/mse": mse}
             write_run(method, seed, metrics, recovery=arrays)
     return tmp_path / "outputs"
+
+
+@pytest.fixture
+def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Drawing takes most of the time of a comparison."""
+    monkeypatch.setattr("credit.report.compare._figures", lambda *_: {})
 
 
 def session(output: Path, started: float, tracking: object) -> None:
@@ -67,30 +78,44 @@ def test_the_same_runs_give_the_same_files(output: Path):
     assert first == [path.read_bytes() for path in compare(output, "advertiser", log=False).files]
 
 
-def test_heat_maps_of_one_seed_and_of_none(output: Path):
-    mean = (compare(output, "advertiser", log=False).folder / "diagnostics.svg").read_text()
-    one = compare(output, "advertiser", diagnostics_seed=2, log=False)
-    assert (one.folder / "diagnostics.svg").read_text() != mean
+def test_heat_maps_of_one_seed_and_of_the_mean(output: Path):
+    runs = load_runs(output, "advertiser")
+    mean, one = heatmaps_figure(runs), heatmaps_figure(runs, seed=2)
+    assert mean is not None
+    assert one is not None
+    assert mean.get_suptitle() == "Disagreement-UCB, end of training, mean over 4 seeds"
+    assert one.get_suptitle() == "Disagreement-UCB, end of training, seed 2"
+    titles = [re.sub(r" \(.*", "", axes.get_title("left") or axes.get_title()) for axes in mean.axes]
+    rewards = ["True reward", "Ridge reward", "Linear reward", "Mixed reward"]
+    assert [title for title in titles if title] == [*rewards, "Weight of ridge"]
     with pytest.raises(
         UserError, match=r"diagnostics_seed=9 is not among the finished seeds of Disagreement"
     ):
-        compare(output, "advertiser", diagnostics_seed=9, log=False)
-    without = compare(output, "advertiser", methods=["block", "reference"], log=False)
-    assert not (without.folder / "diagnostics.svg").exists()
+        heatmaps_figure(runs, seed=9)
+    assert heatmaps_figure(load_runs(output, "advertiser", methods=["block"])) is None
 
 
-def test_large_or_missing_tables_are_not_drawn(write_run: WriteRun, tmp_path: Path):
+def test_large_tables_are_not_drawn(write_run: WriteRun, tmp_path: Path):
     arrays = recovery_arrays(np.random.default_rng(0), states=40, actions=8)
     write_run("disagreement", 0, {"regret/cumulative": -3.0}, recovery=arrays)
-    report = compare(tmp_path / "outputs", "advertiser", log=False)
-    assert "diagnostics.png" not in {path.name for path in report.files}
+    assert heatmaps_figure(load_runs(tmp_path / "outputs", "advertiser")) is None
+
+
+def test_figures_that_are_no_longer_drawn_do_not_stay(tmp_path: Path):
+    old = tmp_path / "diagnostics.svg"
+    old.touch()
+    assert save(None, tmp_path, "diagnostics") == []
+    assert not old.exists()
 
 
 def test_scores_around_zero_and_far_apart_can_be_drawn(write_run: WriteRun, tmp_path: Path):
-    for seed in range(25):
+    for seed in range(4):
         write_run("oracle", seed, {"regret/cumulative": 20.0 + seed if seed else -5.0})
         write_run("block", seed, {"regret/cumulative": 2000.0})
-    assert len(compare(tmp_path / "outputs", "advertiser", log=False).files) == 8
+    runs = load_runs(tmp_path / "outputs", "advertiser")
+    axes = distribution_figure(runs, summarise(runs)).axes[0]
+    assert axes.get_xscale() == "symlog"
+    assert axes.get_xticks().tolist() == [-5, 0, 5, 10, 20, 50, 100, 200, 500, 1000, 2000]
 
 
 def test_colours_are_fixed_and_apart():
@@ -99,6 +124,7 @@ def test_colours_are_fixed_and_apart():
     assert len({*COLOURS.values(), *SPARE}) == len(COLOURS) + len(SPARE)
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_command_prints_tables_sentences_and_files(output: Path, capsys: pytest.CaptureFixture[str]):
     assert main([f"output={output}", "method=reference,disagreement", "tracking=none"]) == 0
     text = capsys.readouterr().out
@@ -131,6 +157,7 @@ def test_nothing_finished_leaves_no_folder(tmp_path: Path):
     assert not (tmp_path / "none").exists()
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_the_newest_session_decides_where_to_log(output: Path, monkeypatch: pytest.MonkeyPatch):
     calls = []
     monkeypatch.setattr("credit.tracking.report_run.log_report", lambda *args: calls.append(args))
@@ -146,6 +173,7 @@ def test_the_newest_session_decides_where_to_log(output: Path, monkeypatch: pyte
     assert len(calls) == 1
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_a_store_that_fails_costs_one_line(output: Path, monkeypatch: pytest.MonkeyPatch):
     def fail(*_args: object) -> None:
         raise ConnectionError("refused\nand much more")

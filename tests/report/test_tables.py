@@ -163,7 +163,7 @@ def test_scale_follows_size_and_error():
     assert (scale.exponent, scale.unit, scale.number(2.27e6)) == (3, " (×10³)", "2270")
     assert Scale.of(pd.Series([0.3, 0.9]), pd.Series([0.06, 0.0])) == Scale(0, 2)
     assert Scale.of(pd.Series([0.3, 0.9]), pd.Series([0.04, 0.1])) == Scale(0, 3)
-    assert Scale.of(pd.Series([5.0]), pd.Series([float("nan")])) == Scale(0, 3)
+    assert Scale.of(pd.Series([5.0]), pd.Series([float("nan")])) == Scale(0, 2)
     assert Scale(0, 1).number(-0.5) == "−0.5"
     assert Scale(0, 1).number(float("nan")) == "–"
 

@@ -72,7 +72,12 @@ class FakeJob:
             "error": None,
             "config_hash": "abc123",
             "git_commit": "0" * 40,
-            "config": {"method": method, "seed": self.seeds[0], "env": {"size": 10, "noise": None}, "on": True},
+            "config": {
+                "method": method,
+                "seed": self.seeds[0],
+                "env": {"size": 10, "noise": None},
+                "on": True,
+            },
             "overrides": [f"method={method}"],
         }
         for folder, seed in zip(self.folders, self.seeds, strict=True):

@@ -1,0 +1,7 @@
+"""Environments. Importing this package registers `credit/Advertiser-v0` with Gymnasium."""
+
+from __future__ import annotations
+
+import gymnasium
+
+gymnasium.register("credit/Advertiser-v0", entry_point="credit.envs.advertiser:AdvertiserEnv")

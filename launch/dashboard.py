@@ -1,0 +1,112 @@
+"""`credit dashboard`: MLflow's UI on the project's store, opened on the newest curves."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import socket
+import warnings
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+from credit.errors import UserError
+from credit.tracking.store import quiet_environment, resolve_uri, sqlite_file, uri_problem
+
+HOST = "127.0.0.1"
+PORT = 5000
+
+Receive = Callable[[], Awaitable[Any]]
+Send = Callable[[Any], Awaitable[None]]
+App = Callable[[dict[str, Any], Receive, Send], Awaitable[None]]
+
+
+def main(argv: list[str]) -> int:
+    """Check the store and the port, then serve until Ctrl-C."""
+    parser = argparse.ArgumentParser(
+        prog="credit dashboard", description="MLflow's UI on the project's store"
+    )
+    parser.add_argument("--output", type=Path, default=Path("outputs"), help="output folder (%(default)s)")
+    parser.add_argument("--port", type=int, default=PORT, help="port on 127.0.0.1 (%(default)s)")
+    parser.add_argument("--uri", help="tracking URI (default: mlflow.db in the output folder)")
+    arguments = parser.parse_args(argv)
+    if problem := uri_problem(arguments.uri):
+        raise UserError(problem.replace("tracking.uri=", "--uri ", 1))
+    uri = resolve_uri(arguments.uri, arguments.output)
+    os.environ.update(quiet_environment() | {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"})
+    if uri.startswith("http"):
+        print(f"open {uri.rstrip('/')}/{_newest(uri)}")
+        return 0
+    store = sqlite_file(uri)
+    if store is not None and not store.exists():
+        raise UserError(
+            f"there is no tracking store {store} yet; train first, for example:\n"
+            "credit train -m experiment=advertiser method=delayed,reference,disagreement replicas=5"
+        )
+    _newest(uri)
+    _require_free(arguments.port)
+    print(f"dashboard: http://{HOST}:{arguments.port}/   (Ctrl-C ends it)", flush=True)
+    _serve(uri, arguments.port)
+    return 0
+
+
+def _newest(uri: str) -> str:
+    from mlflow import MlflowClient
+
+    from credit.tracking.landing import newest_view
+
+    try:
+        return newest_view(MlflowClient(uri))
+    except Exception as error:  # of the driver, the network, the schema
+        raise UserError(f"the tracking store {uri} cannot be read: {error}") from None
+
+
+def _require_free(port: int) -> None:
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((HOST, port))
+        except (OSError, OverflowError) as error:
+            raise UserError(
+                f"--port {port} on {HOST} cannot be used ({error}); try --port {PORT + 1}"
+            ) from None
+
+
+def _serve(uri: str, port: int) -> None:
+    from mlflow.server.constants import BACKEND_STORE_URI_ENV_VAR
+
+    # MLflow's server reads its store from the environment, when it is imported.
+    os.environ[BACKEND_STORE_URI_ENV_VAR] = uri
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import uvicorn
+        from mlflow import MlflowClient
+        from mlflow.server.fastapi_app import app
+
+    from credit.tracking.landing import landing_page
+
+    client = MlflowClient(uri)
+    with contextlib.suppress(KeyboardInterrupt):
+        uvicorn.run(
+            opening_on(app, lambda: landing_page(client)),
+            host=HOST,
+            port=port,
+            log_level="warning",
+            timeout_graceful_shutdown=1,
+        )
+
+
+def opening_on(app: App, page: Callable[[], str]) -> App:
+    """MLflow's application with a page of our own at `/`; with a query, or for other hosts, MLflow answers."""
+    from starlette.responses import HTMLResponse
+
+    async def opening(scope: dict[str, Any], receive: Receive, send: Send) -> None:
+        host = dict(scope.get("headers", ())).get(b"host", b"").partition(b":")[0]
+        at_root = scope["type"] == "http" and scope["path"] == "/" and not scope["query_string"]
+        if at_root and host in (b"127.0.0.1", b"localhost"):
+            await HTMLResponse(page(), headers={"Cache-Control": "no-store"})(scope, receive, send)
+        else:
+            await app(scope, receive, send)
+
+    return opening
