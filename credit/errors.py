@@ -24,7 +24,7 @@ def nearest(name: str, valid: Iterable[str]) -> str:
         >>> nearest("alpa", ["alpha", "epsilon"])
         "did you mean 'alpha'? (valid: alpha, epsilon)"
     """
-    names = sorted(valid)
+    names = sorted(set(valid))
     if not names:
         return "(there are none)"
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)

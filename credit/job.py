@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -148,8 +148,10 @@ def _folder_problems(output: Path) -> list[str]:
         existing = existing.parent
     if not existing.is_dir():
         return [f"output={str(output)!r}: {existing} is a file; give a folder"]
-    if not os.access(existing, os.W_OK | os.X_OK):
-        return [f"output={str(output)!r}: {existing} is not writable; give another folder with output=…"]
+    try:
+        tempfile.TemporaryFile(dir=existing).close()  # permissions alone do not tell, least of all for root
+    except OSError as error:
+        return [f"output={str(output)!r}: {existing} is not writable ({error.strerror}); give another folder"]
     return []
 
 

@@ -7,6 +7,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from credit.tensors import matvec
+
 # Two action values this close are tied, and the first action wins: rounding may then differ between batch sizes.
 TIE = 1e-9
 
@@ -55,7 +57,7 @@ def policy_iteration(
         solution = torch.linalg.solve_ex(matrix, reward.take(chosen))[0]
         gain = solution[:, 0].clone()
         solution[:, 0] = 0
-        ahead = torch.bmm(rows.view(replicas, -1, states), solution.unsqueeze(-1)).view_as(reward)
+        ahead = matvec(rows.view(replicas, -1, states), solution).view_as(reward)
         values = torch.add(reward, ahead, alpha=discount) - gain[:, None, None] * common
         better = improved(values, policy, solution)
         if torch.equal(better, policy):

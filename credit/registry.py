@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib.util
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import entry_points
@@ -18,7 +18,7 @@ from typing import Any
 import hydra
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.errors import ConfigCompositionException, HydraException, MissingConfigException, OverrideParseException
+from hydra.errors import HydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -95,15 +95,15 @@ def compose(overrides: Sequence[str] = (), config_dirs: Sequence[str] = ()) -> d
     Raises:
         UserError: an override cannot be parsed, or names no option or key.
     """
-    with _hydra(config_dirs):
-        return _compose(list(overrides))
+    with _hydra():
+        return _compose(list(overrides), config_dirs)
 
 
-def expand(overrides: Sequence[str], config_dirs: Sequence[str] = ()) -> list[list[str]]:
+def expand(overrides: Sequence[str]) -> list[list[str]]:
     """The overrides of every job of a sweep, in the order in which Hydra's basic sweeper runs them."""
     from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 
-    with _hydra(config_dirs):
+    with _hydra():
         parsed = [_parse(text) for text in overrides]
         jobs: list[list[str]] = BasicSweeper.split_arguments(
             [override for override in parsed if not override.key_or_group.startswith("hydra")], max_batch_size=None
@@ -130,8 +130,8 @@ def slug(overrides: Sequence[str]) -> str:
 
 def launch(task: Callable[[Any], Any], overrides: Sequence[str], multirun: bool, config_dirs: Sequence[str]) -> None:
     """Hand a task to Hydra: one job, or a sweep by Hydra's own sweeper and launcher plugins."""
-    arguments = [*overrides, _search_override(config_dirs)] if len(search_path(config_dirs)) > 1 else list(overrides)
-    before, sys.argv = sys.argv, ["credit", *(["--multirun"] if multirun else []), *arguments]
+    arguments = [*(["--multirun"] if multirun else []), *overrides, *_search_override(config_dirs)]
+    before, sys.argv = sys.argv, ["credit", *arguments]
     try:
         hydra.main(version_base="1.3", config_path=str(conf_dir()), config_name=CONFIG_NAME)(task)()
     finally:
@@ -168,80 +168,66 @@ def describe_file(path: Path) -> str:
 
 
 @contextmanager
-def _hydra(config_dirs: Sequence[str]) -> Any:
-    """Hydra's compose API with all search paths; leaves no global state behind."""
-    extra = search_path(config_dirs)[1:]
+def _hydra() -> Iterator[None]:
+    """Hydra's compose API, which leaves no global state behind."""
     GlobalHydra.instance().clear()
     with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3", job_name="credit"):
-        global_hydra = GlobalHydra.instance()
-        assert global_hydra.hydra is not None
-        path = global_hydra.hydra.config_loader.get_search_path()
-        for folder in extra:
-            path.append("credit", f"file://{folder}")
         yield
 
 
-def _compose(overrides: list[str]) -> dict[str, Any]:
+def _compose(overrides: list[str], config_dirs: Sequence[str]) -> dict[str, Any]:
     for text in overrides:
         _parse(text)
     try:
-        return plain(hydra.compose(CONFIG_NAME, overrides=overrides))
-    except MissingConfigException as error:
-        raise UserError(_unknown_option(error)) from None
-    except (ConfigCompositionException, OmegaConfBaseException) as error:
-        raise UserError(_unknown_key(str(error), overrides)) from None
-    except HydraException as error:
-        raise UserError(_first_line(error)) from None
+        return plain(hydra.compose(CONFIG_NAME, overrides=[*overrides, *_search_override(config_dirs)]))
+    except (HydraException, OmegaConfBaseException) as error:
+        raise UserError(_explain(error, overrides, config_dirs)) from None
 
 
 def _parse(text: str) -> Any:
     try:
         return OverridesParser.create().parse_override(text)
-    except OverrideParseException as error:
+    except HydraException as error:
         raise UserError(f"{text!r} is no override ({_first_line(error)}); write group=option or key=value") from None
 
 
-def _unknown_option(error: MissingConfigException) -> str:
-    group, _, option = str(error.missing_cfg_file or "").rpartition("/")
-    if not group or not error.options:
-        return _first_line(error)
-    group = group.lstrip("/")
-    return f"{group}={option}: no such option; {nearest(option, error.options)}"
-
-
-def _unknown_key(message: str, overrides: list[str]) -> str:
-    """Which override names a key or group that is not there, and the nearest one that is."""
-    for text in overrides:
-        others = [other for other in overrides if other != text]
-        key = text.lstrip("+~").partition("=")[0]
-        try:
-            hydra.compose(CONFIG_NAME, overrides=[text])
-        except (HydraException, OmegaConfBaseException):
-            try:
-                config = plain(hydra.compose(CONFIG_NAME, overrides=others))
-            except (HydraException, OmegaConfBaseException):
-                config = plain(hydra.compose(CONFIG_NAME))
-            *parents, name = key.split(".")
-            node: Any = config
-            for depth, parent in enumerate(parents):
-                if not isinstance(node, dict) or parent not in node:
-                    parents, name = parents[:depth], parent
-                    break
-                node = node[parent]
-            valid = list(node) if isinstance(node, dict) else []
-            if not parents:
-                valid += [*KINDS, *CHOICES]
-            where = ".".join([*parents, name])
-            return f"{where}: unknown key (in {text!r}); {nearest(name, [v for v in valid if v != '_target_'])}"
+def _explain(error: Exception, overrides: list[str], config_dirs: Sequence[str]) -> str:
+    """What Hydra's error means for the user: which override, and the nearest name that exists."""
+    message = str(error)
+    if found := re.search(r"Could not (?:load|find) '([\w/@.]+)/([\w.-]+)'", message):
+        group, option = found[1].partition("@")[0], found[2]
+        return f"{group}={option}: no such option; {nearest(option, options(group, config_dirs))}"
+    if found := re.search(r"Could not (?:override|delete)[^']*'([\w@./]+)'", message):
+        return _unknown_key(found[1], overrides, config_dirs)
     return re.sub(r"\s*\n\s*", "; ", message.strip())
+
+
+def _unknown_key(key: str, overrides: list[str], config_dirs: Sequence[str]) -> str:
+    """Name the deepest part of a key that exists, and the keys that could follow it."""
+    others = [text for text in overrides if text.lstrip("+~").partition("=")[0] != key]
+    written = next((text for text in overrides if text not in others), key)
+    node: Any = _compose(others, config_dirs)
+    parents: list[str] = []
+    for part in key.split("."):
+        if not isinstance(node, dict) or part not in node:
+            break
+        node = node[part]
+        parents.append(part)
+    valid = [name for name in node if name != "_target_"] if isinstance(node, dict) else []
+    if not parents:
+        valid += [*KINDS, *CHOICES]
+    path = ".".join([*parents, part])
+    where = f" of {node['_target_'].rpartition('.')[2]}" if isinstance(node, dict) and "_target_" in node else ""
+    return f"{path}: unknown key{where} (in {written!r}); {nearest(part, valid)}"
 
 
 def _first_line(error: Exception) -> str:
     return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
 
 
-def _search_override(config_dirs: Sequence[str]) -> str:
-    folders = ",".join(f"file://{folder}" for folder in search_path(config_dirs)[1:])
-    return f"hydra.searchpath=[{folders}]"
+def _search_override(config_dirs: Sequence[str]) -> list[str]:
+    """The override that tells Hydra of the folders beside ours."""
+    folders = [f"file://{folder}" for folder in search_path(config_dirs)[1:]]
+    return [f"hydra.searchpath=[{','.join(folders)}]"] if folders else []
 
 

@@ -111,9 +111,9 @@ def run_job(
     trainer: Trainer = schema.build(config, "trainer")
     trainer.start(tuple(todo), jobs.device(job.device))
     fresh = [parent / f"seed-{seed}" for seed in todo]
-    record = JobRecord(session, number, _facts(config, overrides, parent, todo, fresh))
-    started, cpu = record.facts["started"], time.process_time()
-    journal = Journal(fresh, started)
+    started, cpu = time.time(), time.process_time()
+    journal = Journal(fresh, started)  # before the record: whoever follows it must find no older journal
+    record = JobRecord(session, number, started, _facts(config, overrides, parent, todo, fresh))
     for seed, folder in zip(todo, fresh, strict=True):
         write_yaml(folder / "config.yaml", {**config, "seed": seed, "replicas": 1, "rerun": False})
     status, error = "KILLED", None

@@ -57,7 +57,7 @@ class Session:
 class JobRecord:
     """The record of one job of a session, `job-<number>.json`: what it computes, where, and how it ended."""
 
-    def __init__(self, session: Session, number: int, facts: dict[str, Any]) -> None:
+    def __init__(self, session: Session, number: int, started: float, facts: dict[str, Any]) -> None:
         self._path = session.folder / f"job-{number}.json"
         self.facts: dict[str, Any] = {
             "id": f"{session.id}-{number}",
@@ -65,7 +65,7 @@ class JobRecord:
             "number": number,
             **facts,
             "status": "RUNNING",
-            "started": time.time(),
+            "started": started,
             "finished": None,
             "error": None,
             "git_commit": git_commit(),

@@ -57,6 +57,9 @@ def guarded(command: str, words: Sequence[str]) -> int:
     except BrokenPipeError:  # the reader of our output went away: `credit list | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
+    except OSError as error:
+        print(f"credit {command}: {error}", file=sys.stderr)
+        return 1
 
 
 def usage() -> str:

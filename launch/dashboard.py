@@ -98,7 +98,7 @@ def _serve(uri: str, port: int) -> None:
 
 
 def opening_on(app: App, page: Callable[[], str]) -> App:
-    """MLflow's application with a page of our own at `/`; with a query, or for other hosts, MLflow answers."""
+    """MLflow's application, with a page of our own at `/`; `/?ui` and other hosts are left to MLflow."""
     from starlette.responses import HTMLResponse
 
     async def opening(scope: dict[str, Any], receive: Receive, send: Send) -> None:

@@ -78,7 +78,7 @@ def checked_jobs(words: Words, multirun: bool) -> list[tuple[dict[str, Any], lis
     """
     from credit.job import checked
 
-    jobs = registry.expand(words.overrides, words.config_dirs) if multirun else [words.overrides]
+    jobs = registry.expand(words.overrides) if multirun else [words.overrides]
     found, problems = [], {}
     for overrides in jobs:
         try:
@@ -112,14 +112,13 @@ def say(console: Console, config: dict[str, Any], result: Any, session: Any) -> 
     name = f"{result.title} on {config['experiment']}"
     done = f", {len(result.skipped)} already done" if result.skipped else ""
     if result.error:
-        console.print(f"[red]failed[/red]  {name}: {result.error} (traceback: {session.folder / 'error.log'})")
+        line = f"[red]failed[/red]  {name}: {result.error} (traceback: {shown(session.folder / 'error.log')})"
     elif result.computed:
-        values = ", ".join(
-            f"{key} {result.metrics[key].mean():.4g}" for key in HEADLINES if key in result.metrics
-        )
-        console.print(f"[green]done[/green]    {name}: {len(result.computed)} seeds in {result.seconds:.1f} s{done}. {values}")
+        values = [f"{key} {result.metrics[key].mean():.4g}" for key in HEADLINES if key in result.metrics]
+        line = f"[green]done[/green]    {name}: {len(result.computed)} seeds in {result.seconds:.1f} s{done}. {', '.join(values)}"
     else:
-        console.print(f"[green]done[/green]    {name}: all {len(result.skipped)} seeds were done before")
+        line = f"[green]done[/green]    {name}: all {len(result.skipped)} seeds were done before"
+    console.print(line, soft_wrap=True)
 
 
 def report(outcome: Outcome, session: Any, config: dict[str, Any], multirun: bool, late: str | None) -> None:

@@ -31,24 +31,35 @@ def threshold(states: np.ndarray, actions: np.ndarray) -> np.ndarray:
 MODELS: dict[str, Features] = {"ridge": identity, "linear": bilinear, "threshold": threshold}
 
 
-def fit(features: Features, states: np.ndarray, actions: np.ndarray, labels: np.ndarray, ridge: float = 0.1) -> np.ndarray:
+def fit(features: Features, states: np.ndarray, actions: np.ndarray, labels: np.ndarray) -> np.ndarray:
     """Ridge regression of labels [K] on summed features of windows [K, T]; the reward table [S, A]."""
-    design = features(states, actions).sum(1)
+    return solve(features, features(states, actions).sum(1), labels)
+
+
+def solve(features: Features, design: np.ndarray, labels: np.ndarray, ridge: float = 0.1) -> np.ndarray:
+    """Ridge regression of labels [K] on a design matrix [K, d]; the reward table [S, A]."""
     theta = np.linalg.solve(design.T @ design + ridge * np.eye(design.shape[1]), design.T @ labels)
     every_state, every_action = np.meshgrid(np.arange(10), np.arange(3), indexing="ij")
     return features(every_state, every_action) @ theta
 
 
 def proxies(
-    states: np.ndarray, actions: np.ndarray, labels: np.ndarray, draws: int, rng: np.random.Generator
+    states: np.ndarray, actions: np.ndarray, labels: np.ndarray, draws: int, rng: np.random.Generator, cache: bool = False
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Fits, MSE proxies (10), (11) and disagreements (9) of all models, by B resamples of the windows."""
+    """Fits, MSE proxies (10), (11) and disagreements (9) of all models, by B resamples of the windows.
+
+    With `cache` the design matrices are made once for all resamples: less naive, kept for comparison.
+    """
+    designs = {name: features(states, actions).sum(1) for name, features in MODELS.items()} if cache else {}
     fitted = {name: fit(features, states, actions, labels) for name, features in MODELS.items()}
     resampled: dict[str, list[np.ndarray]] = {name: [] for name in MODELS}
     for _ in range(draws):
         chosen = rng.integers(len(labels), size=len(labels))
         for name, features in MODELS.items():
-            resampled[name].append(fit(features, states[chosen], actions[chosen], labels[chosen]))
+            if cache:
+                resampled[name].append(solve(features, designs[name][chosen], labels[chosen]))
+            else:
+                resampled[name].append(fit(features, states[chosen], actions[chosen], labels[chosen]))
     tables = {name: np.stack(drawn) for name, drawn in resampled.items()}
     gaps = {name: ((tables["ridge"] - tables[name]) ** 2).mean(0) for name in MODELS if name != "ridge"}
     mse = {name: table.var(0) + gaps.get(name, 0.0) for name, table in tables.items()}
@@ -85,11 +96,12 @@ class NaiveDisagreement:
 
     rng: np.random.Generator
     draws: int = 20
+    cache: bool = False
     policy: np.ndarray = field(default_factory=lambda: np.zeros(10, dtype=int))
 
     def decide(self, states: np.ndarray, actions: np.ndarray, next_states: np.ndarray, labels: np.ndarray) -> np.ndarray:
         """One block of algorithm B.1 for windows [K, T] and labels [K]."""
-        fitted, mse, gaps = proxies(states, actions, labels, self.draws, self.rng)
+        fitted, mse, gaps = proxies(states, actions, labels, self.draws, self.rng, self.cache)
         weight = weights(mse)
         mixed = sum(weight[name] * fitted[name] for name in MODELS)
         order = list(MODELS)

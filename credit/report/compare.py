@@ -122,7 +122,7 @@ def _log(output: Path, experiment: str, folder: Path, comparison: Comparison) ->
     try:
         from credit.tracking.report_run import log_report
 
-        log_report(output, tracking.get("uri"), experiment, folder, comparison.metrics)
+        log_report(output, tracking["uri"], experiment, folder, comparison.metrics)
     except Exception as error:  # a store that is down must not cost the user the report
         reason = (str(error).splitlines() or [""])[0]
         return f"Not logged to MLflow: {type(error).__name__}: {reason}"
@@ -136,4 +136,5 @@ def _newest_tracking(output: Path, experiment: str) -> dict[str, Any] | None:
     ]
     own = [session for session in sessions if session["experiment"] == experiment]
     newest = max(own, key=lambda session: float(session["started"]), default=None)
-    return newest["tracking"] if newest else None
+    tracking = newest["tracking"] if newest else None
+    return tracking if tracking and "uri" in tracking else None

@@ -11,14 +11,11 @@ import pandas as pd
 from credit.errors import UserError
 from credit.report import statistics
 from credit.report.published import PaperValues
-from credit.report.runs import Runs
+from credit.report.runs import PAPER_METHODS, Runs
 from credit.report.scale import Scale
 from credit.report.statistics import Interval
 
 Row = dict[str, Any]
-
-# The paper's methods in the paper's order; what goes beyond the paper follows by name.
-PAPER_ORDER = ("block", "delayed", "reference", "adaptive_mse", "disagreement")
 
 
 @dataclass(frozen=True)
@@ -113,7 +110,8 @@ def ordered_groups(runs: Runs) -> list[tuple[str, str, pd.DataFrame]]:
 
     def position(key: tuple[str, str]) -> tuple[int, str, bool, str]:
         method, slug = key
-        rank = PAPER_ORDER.index(method) if method in PAPER_ORDER else len(PAPER_ORDER)
+        # What goes beyond the paper follows by name.
+        rank = PAPER_METHODS.index(method) if method in PAPER_METHODS else len(PAPER_METHODS)
         return rank, method, slug != "default", slug
 
     groups = {(str(m), str(s)): group for (m, s), group in runs.frame.groupby(["method", "slug"])}

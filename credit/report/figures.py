@@ -67,7 +67,7 @@ def curves_figure(runs: Runs, measure: Measure) -> Figure | None:
         panels[1].set_title("Enlarged: methods that recover a reward")
     else:
         style.label_ends(panels[0], [_label(line) for line in lines])
-    figure.supxlabel("Primitive environment steps", fontsize=9)
+    figure.supxlabel("Primitive environment steps (mean over seeds and 95% interval)", fontsize=9)
     return figure
 
 

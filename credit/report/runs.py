@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from credit.errors import UserError, nearest
 
+# The paper's methods in the order of its Table 1.
+PAPER_METHODS = ("block", "delayed", "reference", "adaptive_mse", "disagreement")
 IDENTITY = ("method", "slug", "seed", "name", "folder", "config_hash", "git_commit")
 
 
@@ -85,16 +87,13 @@ def load_runs(
             rows.append(_read_summary(folder))
         else:
             unfinished.append(folder)
+    finished = {done.parents[2].name for done in (output / experiment).glob("*/*/seed-*/DONE")}
+    if finished:
+        _require(methods, finished, experiment)
     if not rows:
-        raise UserError(_nothing_found(output, experiment, methods, unfinished))
+        raise UserError(_nothing_found(output, experiment, finished, unfinished))
     frame = pd.DataFrame(rows).sort_values(["method", "slug", "seed"], ignore_index=True)
-    missing = sorted(set(methods or ()) - set(frame["method"]))
-    if missing:
-        hints = "; ".join(f"method={name}: {nearest(name, set(frame['method']))}" for name in missing)
-        raise UserError(
-            f"No finished run of experiment={experiment} for {hints}. "
-            f"Run `credit train experiment={experiment} method={missing[0]}` first, or leave it out."
-        )
+    _require(methods, set(frame["method"]), experiment)
     _check_same_configuration(frame)
     return Runs(experiment, frame, tuple(unfinished))
 
@@ -169,22 +168,28 @@ def _check_same_configuration(frame: pd.DataFrame) -> None:
         )
 
 
-def _nothing_found(
-    output: Path, experiment: str, methods: Sequence[str] | None, unfinished: Sequence[Path]
-) -> str:
-    others = sorted({folder.parents[2].name for folder in output.glob("*/*/*/seed-*")})
-    finished = sorted({done.parents[2].name for done in (output / experiment).glob("*/*/seed-*/DONE")})
+def _require(methods: Sequence[str] | None, known: set[str], experiment: str) -> None:
+    missing = sorted(set(methods or ()) - known)
+    if missing:
+        hints = "; ".join(f"method={name}: {nearest(name, known)}" for name in missing)
+        raise UserError(
+            f"No finished run of experiment={experiment} that was asked for has {hints}. "
+            f"Run `credit train experiment={experiment} method={missing[0]}` first, or leave it out."
+        )
+
+
+def _nothing_found(output: Path, experiment: str, finished: set[str], unfinished: Sequence[Path]) -> str:
+    others = sorted({folder.parents[2].name for folder in output.glob("*/*/*/seed-*")} - {experiment})
     if unfinished:
         names = sorted({folder.parent.parent.name for folder in unfinished})
         found = f"Found {len(unfinished)} unfinished run(s) of {', '.join(names)}."
     elif finished:
-        found = f"Finished runs exist for {', '.join(finished)}, but none that was asked for."
-    elif experiment in others or not others:
-        found = "Found no runs at all."
-    else:
+        found = f"Finished runs exist for {', '.join(sorted(finished))}, but not with these seeds and slugs."
+    elif others:
         found = f"Found runs of {', '.join(others)} only."
-    wanted = ",".join(methods or ("block", "delayed", "reference", "adaptive_mse", "disagreement"))
+    else:
+        found = "Found no runs at all."
     return (
         f"No finished runs to compare for experiment={experiment} in {output}. {found} "
-        f"Run `credit train -m experiment={experiment} method={wanted} replicas=20` first."
+        f"Run `credit train -m experiment={experiment} method={','.join(PAPER_METHODS)} replicas=20` first."
     )

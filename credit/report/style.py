@@ -11,19 +11,10 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-# Okabe and Ito's colours, which stay apart for colour-blind readers; greys for what is only a landmark.
-COLOURS = {
-    "block": "#7a7a7a",
-    "delayed": "#cc79a7",
-    "reference": "#0072b2",
-    "adaptive_mse": "#009e73",
-    "disagreement": "#d55e00",
-    "elliptical": "#56b4e9",
-    "thompson": "#e69f00",
-    "oracle": "#000000",
-    "random": "#b0b0b0",
-}
-SPARE = ("#332288", "#882255", "#999933", "#117733", "#aa4499", "#661100")
+from credit.tracking.palette import COLOURS
+
+# For methods from elsewhere; those that ship have their colours in the palette.
+SPARE = ("#332288", "#ddcc77", "#999933", "#117733", "#aa4499", "#661100")
 DASHES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))
 SETTINGS: dict[Any, Any] = {
     "font.size": 9,

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from credit.interfaces import FeatureMap, RewardModel
+from credit.tensors import matvec
 from credit.types import FLOAT, Estimate, Positive, Problem, Steps, Windows
 
 
@@ -47,10 +48,10 @@ class LinearModel(RewardModel):
         replicas, fits, size = self._shape
         flat = self._inverse.view(replicas * fits, size, size)
         for k in range(sums.shape[1]):
-            x, w = sums[:, k].unsqueeze(-1), weights[:, k]
-            u = torch.bmm(self._inverse.view(replicas, fits * size, size), x).view(self._shape)
-            gain = u * (w / torch.addcmul(torch.ones_like(w), w, torch.bmm(u, x).squeeze(-1))).unsqueeze(-1)
-            error = windows.labels[:, k : k + 1] - torch.bmm(self._theta, x).squeeze(-1)
+            x, w = sums[:, k], weights[:, k]
+            u = matvec(self._inverse.view(replicas, fits * size, size), x).view(self._shape)
+            gain = u * (w / torch.addcmul(torch.ones_like(w), w, matvec(u, x))).unsqueeze(-1)
+            error = windows.labels[:, k : k + 1] - matvec(self._theta, x)
             flat.baddbmm_(gain.view(-1, size, 1), u.view(-1, 1, size), alpha=-1)
             self._theta.addcmul_(gain, error.unsqueeze(-1))
 

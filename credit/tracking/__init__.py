@@ -114,11 +114,12 @@ class MLflowTracking(Tracking):
     ) -> str | None:
         """Wait for the uploader, stop it after `timeout` seconds; the line says how to upload the rest."""
         end = None if timeout is None else time.monotonic() + timeout
-        process = self._process
+        process, late = self._process, ""
         while process is not None and process.poll() is None:
             if end is not None and time.monotonic() > end:
                 process.terminate()
                 process.wait()
+                late = "the store is too slow"
                 break
             if on_progress is not None:
                 on_progress(*self._progress()[:2])
@@ -128,7 +129,7 @@ class MLflowTracking(Tracking):
             on_progress(done, total)
         if process is not None and process.returncode == 0:
             return None
-        reason = self._problem or problem or "the store is too slow"
+        reason = self._problem or problem or late or "the uploader failed"
         again = " ".join(["python", *self._command])
         return (
             f"MLflow: not everything was uploaded ({reason}); the journal is complete. "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -49,7 +50,8 @@ class Follower:
         for cells in csv.reader(whole.decode().splitlines()):
             if not self._names:
                 self._names = cells[1:]
-            else:
+                continue
+            with suppress(ValueError):  # a line that a full disk or a crash cut short is no row
                 self.rows.append(Row(int(cells[0]), _finite(self._names, cells[1:])))
 
 

@@ -9,7 +9,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from credit.tracking.palette import COLOURS, tint
+
 MAX_PARAM, MAX_PARAM_KEY, MAX_TAG = 6000, 250, 8000
+COLOUR = "mlflow.runColor"
 _FORBIDDEN = re.compile(r"[^\w\-. :/]")
 
 
@@ -55,14 +58,18 @@ def job_card(session: Mapping[str, Any], job: Mapping[str, Any], parent: str | N
     """The run of one method with all its replicas."""
     seeds = job["seeds"]
     tags = _common(session) | _of_job(job, parent)
-    tags |= {"level": "job", "seeds": f"{seeds[0]}..{seeds[-1]}" if len(seeds) > 1 else str(seeds[0])}
+    span = f"{seeds[0]}..{seeds[-1]}" if len(seeds) > 1 else str(seeds[0])
+    tags |= {"level": "job", "seeds": span}
     slug = "" if job["slug"] == "default" else f" {job['slug']}"
     return RunCard(f"{job['method']}{slug}", job["started"], _text(tags), flatten(job["config"]))
 
 
 def seed_card(session: Mapping[str, Any], job: Mapping[str, Any], seed: int, parent: str | None) -> RunCard:
     """The run of one seed of a job."""
-    tags = _common(session) | _of_job(job, parent) | {"level": "seed", "seed": seed}
+    tags = _common(session) | _of_job(job, parent)
+    tags |= {"level": "seed", "seed": seed}
+    if COLOUR in tags:
+        tags[COLOUR] = tint(tags[COLOUR])
     return RunCard(f"seed-{seed}", job["started"], _text(tags), flatten({**job["config"], "seed": seed}))
 
 
@@ -87,6 +94,8 @@ def _of_job(job: Mapping[str, Any], parent: str | None) -> dict[str, Any]:
         "mlflow.source.git.commit": job["git_commit"],
         "mlflow.parentRunId": parent,
     }
+    if job["slug"] == "default":  # variants of one method must not share a colour: MLflow chooses theirs
+        tags[COLOUR] = COLOURS.get(job["method"])
     return {name: value for name, value in tags.items() if value is not None}
 
 

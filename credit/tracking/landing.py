@@ -1,8 +1,8 @@
 """The page that a dashboard opens on: it takes a browser to the newest curves.
 
-By itself MLflow opens on a welcome page, folds a sweep, and draws its charts in alphabetical order. What its UI
-shows is kept in the browser's local storage, so a page of the same origin can put the newest sweep and the charts
-that matter there before it hands over. A UI that does not know these entries ignores them.
+By itself MLflow opens on a welcome page, folds a sweep, and draws its charts in alphabetical order. What its
+UI shows is kept in the browser's local storage, so a page of the same origin can put the newest sweep and the
+charts that matter there before it hands over. A UI that does not know these entries ignores them.
 """
 
 from __future__ import annotations
@@ -49,16 +49,16 @@ def landing_page(client: MlflowClient) -> str:
         return _page(f"/?{PASS}#/experiments")
     newest = jobs[0]
     experiment, session = newest.info.experiment_id, newest.data.tags["session"]
-    jobs = [run for run in jobs if run.data.tags["session"] == session]
+    jobs = [run for run in jobs if run.info.experiment_id == experiment]
+    sweep = next(filter(None, map(_parent, jobs)), None)
     loaded = client.search_runs([experiment], max_results=PAGE, order_by=["start_time DESC"])
     within = {run.info.run_id for run in loaded} | {_parent(run) for run in loaded}
-    if not {run.info.run_id for run in jobs} <= within:
+    wanted = [run for run in jobs if run.data.tags["session"] == session or (sweep and _parent(run) == sweep)]
+    if not {run.info.run_id for run in wanted} <= within:
         # Too many seeds for the UI's first page: a flat list of the methods shows them all.
-        return _page(f"/?{PASS}{_flat(experiment, session)}", experiment, _view([], jobs))
-    hidden = [run.info.run_id for run in loaded if run.data.tags.get("level") in ("sweep", "report")]
-    view = _view(hidden, jobs)
-    if sweep := _parent(newest):
-        view["expanded"] = {sweep: True}
+        return _page(f"/?{PASS}{_flat(experiment, session)}", experiment, _view(None, [], jobs))
+    bare = [run.info.run_id for run in loaded if run.data.tags.get("level") in ("sweep", "report")]
+    view = _view(sweep, [*bare, sweep] if sweep else bare, jobs)
     query = "compareRunsMode=CHART&searchFilter=&orderByKey=attributes.start_time&orderByAsc=false"
     return _page(f"/?{PASS}#/experiments/{experiment}/runs?{query}", experiment, view)
 
@@ -89,7 +89,7 @@ def _page(address: str, experiment: str | None = None, view: dict[str, Any] | No
     return _HTML % json.dumps(content).replace("<", "\\u003c")
 
 
-def _view(hidden: Iterable[str], jobs: list[Run]) -> dict[str, Any]:
+def _view(sweep: str | None, hidden: Iterable[str], jobs: list[Run]) -> dict[str, Any]:
     """What the UI shall show: at the first visit these charts, at every visit these runs."""
     names = {name for run in jobs for name in run.data.metrics}
     shown = [[name] for name in SHOWN if name in names]
@@ -107,7 +107,11 @@ def _view(hidden: Iterable[str], jobs: list[Run]) -> dict[str, Any]:
         "compareRunSections": sections,
         "isAccordionReordered": True,
     }
-    return {"first": first, "expanded": {}, "visible": dict.fromkeys(hidden, False)}
+    return {
+        "first": first,
+        "expanded": {sweep: True} if sweep else {},
+        "visible": dict.fromkeys(hidden, False),
+    }
 
 
 def _section(name: str, folded: bool) -> dict[str, Any]:

@@ -36,7 +36,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Upload:
-    """What MLflow shall hold of one run: card, rows so far, status, end (epoch seconds), files, texts."""
+    """What MLflow shall hold of one run: card, rows so far, status, end (epoch seconds), files, notes."""
 
     key: str
     experiment: str
@@ -46,6 +46,7 @@ class Upload:
     finished: float | None = None
     files: Sequence[Path] = ()
     texts: tuple[tuple[str, str], ...] = ()
+    note: str | None = None
 
 
 class Ledger:
@@ -85,11 +86,7 @@ class Ledger:
         except (MlflowException, ValueError) as error:
             if isinstance(error, MlflowException) and error.error_code not in _OF_ONE_RUN:
                 raise
-            self.give_up(run.key, f"{run.card.name}: {error}")
-
-    def give_up(self, key: str, problem: str) -> None:
-        """Leave one run as it is in MLflow, and say why."""
-        self.entries.setdefault(key, Entry(id="")).problem = problem
+            self.entries.setdefault(run.key, Entry(id="")).problem = f"{run.card.name}: {error}"
 
     def _upload(self, run: Upload) -> None:
         client, experiment = self._open(run.experiment)
@@ -109,6 +106,8 @@ class Ledger:
             entry.described = True
         self._send(client, entry, run)
         if run.status != entry.status:
+            if run.note:
+                client.set_tag(entry.id, "mlflow.note.content", run.note)
             for file in run.files:
                 client.log_artifact(entry.id, str(file))
             if run.status == "RUNNING":

@@ -100,12 +100,8 @@ class Mirror:
         number = job["number"]
         folders = [self._output / path for path in job["folders"]]
         journals = self._journals.setdefault(number, [Follower(path / "metrics.csv") for path in folders])
-        try:
-            for journal in journals:
-                journal.follow()
-        except ValueError as error:
-            self._ledger.give_up(str(number), f"{job['method']}: a metrics.csv cannot be read: {error}")
-            return
+        for journal in journals:
+            journal.follow()
         seconds = max((journal.rows[-1].seconds for journal in journals if journal.rows), default=0.0)
         finished = job["finished"] or job["started"] + seconds
         self._upload_job(session, job, finished)
@@ -119,19 +115,18 @@ class Mirror:
         key = str(job["number"])
         parent = self._run_id(_sweep_key(job["experiment"])) if session["kind"] == "sweep" else None
         entry = self._ledger.entries.get(key)
-        rows = mean_rows(
-            [journal.rows for journal in self._journals[job["number"]]], entry.step if entry else -1
-        )
+        runs = [journal.rows for journal in self._journals[job["number"]]]
         config = yaml.safe_dump(job["config"], sort_keys=False)
         self._ledger.upload(
             Upload(
                 key=key,
                 experiment=job["experiment"],
                 card=job_card(session, job, parent),
-                rows=rows,
+                rows=mean_rows(runs, after=entry.step if entry else -1),
                 status=job["status"],
                 finished=finished,
                 texts=(("config.yaml", config),),
+                note=job["error"],
             )
         )
 

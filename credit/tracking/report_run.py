@@ -23,7 +23,7 @@ def log_report(
         uri: tracking URI; None is the default store.
         experiment: the experiment that the report is about.
         folder: the folder whose files become artifacts.
-        metrics: the report's numbers; what is not finite is left out.
+        metrics: the report's numbers, logged as `report/<name>`; what is not finite is left out.
 
     Returns:
         The run's id.
@@ -39,7 +39,9 @@ def log_report(
     client, identity = open_experiment(resolve_uri(uri, output), output, experiment)
     now = round(time.time() * 1000)
     run = client.create_run(identity, now, {"level": "report"}, run_name="compare").info.run_id
-    points = [Metric(safe_name(name), x, now, 0) for name, x in metrics.items() if math.isfinite(x)]
+    # One section of the UI holds them all, folded: beside the curves they would be hundreds of bars.
+    names = {name: safe_name(f"report/{name.replace('/', '_')}") for name in metrics}
+    points = [Metric(names[name], x, now, 0) for name, x in metrics.items() if math.isfinite(x)]
     for start in range(0, len(points), MAX_METRICS):
         client.log_batch(run, metrics=points[start : start + MAX_METRICS])
     client.log_artifacts(run, str(folder))

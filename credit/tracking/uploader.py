@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import argparse
+import fcntl
 import json
 import os
+import socket
 import sys
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING, Any, get_args
+
+import psutil
 
 from credit.tracking import PROGRESS_FILE, Seeds
 from credit.tracking.store import quiet_environment, resolve_uri
@@ -47,7 +52,7 @@ def upload(
     from credit.tracking.mirror import Mirror
 
     mirror = Mirror(output, session, uri, seeds)
-    pause, progress, healthy = POLL, None, time.monotonic()
+    pause, progress, bearable = POLL, None, time.monotonic() + patience
     while True:
         alone = orphaned()
         try:
@@ -55,16 +60,44 @@ def upload(
         except Exception as error:  # whatever MLflow throws, the run goes on
             print(traceback.format_exc(), file=sys.stderr, flush=True)
             _report(session, progress, f"{type(error).__name__}: {_first_line(error)}")
-            over = alone or json.loads((session / "session.json").read_text())["status"] != "RUNNING"
-            if over and time.monotonic() - healthy > patience:
+            if not alone and _read(session / "session.json")["status"] == "RUNNING":
+                bearable = time.monotonic() + patience
+            elif time.monotonic() > bearable:
                 return 1
             pause = min(2 * pause, LONGEST_PAUSE)
         else:
-            healthy, pause = time.monotonic(), POLL
+            bearable, pause = time.monotonic() + patience, POLL
             _report(session, progress, "; ".join(_first_line(problem) for problem in progress.problems))
             if progress.closed:
                 return int(bool(progress.problems))
         time.sleep(pause)
+
+
+def abandoned(output: Path) -> Iterator[Path]:
+    """Sessions of this machine that ended, or died, before MLflow was told, say in a power cut."""
+    for file in sorted(output.glob("sessions/*/mlflow.json")):
+        if any(run["status"] == "RUNNING" and not run["problem"] for run in _read(file)["runs"].values()):
+            session = _read(file.parent / "session.json")
+            dead = session["status"] != "RUNNING" or not psutil.pid_exists(session["pid"])
+            if dead and session["host"] == socket.gethostname():
+                yield file.parent
+
+
+@contextmanager
+def _alone_on(session: Path) -> Iterator[bool]:
+    """Whether no other process uploads this session, now and until the end of the block."""
+    with (session / ".uploader.lock").open("w") as handle:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            yield False
+        else:
+            yield True
+
+
+def _read(path: Path) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads(path.read_text())
+    return content
 
 
 def _first_line(problem: object) -> str:
@@ -91,14 +124,33 @@ def main(argv: list[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     os.environ.update(quiet_environment())
     os.nice(5)  # the computation goes first
-    chosen = json.loads((arguments.session / "session.json").read_text()).get("tracking") or {}
-    uri = resolve_uri(arguments.uri or chosen.get("uri"), arguments.output)
-    seeds = arguments.seeds or chosen.get("seeds", "auto")
+    output, session = arguments.output, arguments.session
 
     def orphaned() -> bool:
         return arguments.parent is not None and os.getppid() != arguments.parent
 
-    return upload(arguments.session, arguments.output, uri, seeds, orphaned)
+    status = _upload_alone(session, output, arguments.uri, arguments.seeds, orphaned)
+    if status == 0:
+        for other in abandoned(output):
+            _upload_alone(other, output, None, None, lambda: True, patience=0)
+    return status
+
+
+def _upload_alone(
+    session: Path,
+    output: Path,
+    uri: str | None,
+    seeds: Seeds | None,
+    orphaned: Callable[[], bool],
+    patience: float = PATIENCE,
+) -> int:
+    chosen = _read(session / "session.json").get("tracking") or {}
+    address = resolve_uri(uri or chosen.get("uri"), output)
+    with _alone_on(session) as alone:
+        if alone:
+            return upload(session, output, address, seeds or chosen.get("seeds", "auto"), orphaned, patience)
+    print(f"another process uploads {session} already", file=sys.stderr)
+    return 1
 
 
 if __name__ == "__main__":

@@ -14,7 +14,8 @@ from credit.report.comparison import summarise
 from credit.report.figures import distribution_figure
 from credit.report.heatmaps import heatmaps_figure
 from credit.report.runs import load_runs
-from credit.report.style import COLOURS, SPARE, colours, save
+from credit.report.style import SPARE, colours, save
+from credit.tracking.palette import COLOURS
 from launch.compare import main
 
 from .conftest import WriteRun, recovery_arrays
@@ -168,8 +169,9 @@ def test_the_newest_session_decides_where_to_log(output: Path, monkeypatch: pyte
     (arguments,) = calls
     assert arguments[:4] == (output, "sqlite:///new.db", "advertiser", report.folder)
     assert arguments[4]["reference/regret/cumulative/mean"] == 91.5
-    session(output, 3.0, None)
-    assert "was not tracked" in compare(output, "advertiser").logged
+    for started, untracked in ((3.0, None), (4.0, {"_target_": "credit.tracking.NoTracking"})):
+        session(output, started, untracked)
+        assert "was not tracked" in compare(output, "advertiser").logged
     assert len(calls) == 1
 
 

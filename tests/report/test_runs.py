@@ -66,7 +66,7 @@ def test_nothing_finished_names_what_was_found(write_run: WriteRun, tmp_path: Pa
         load_runs(output, "advertiser")
     with pytest.raises(UserError, match="Found runs of advertiser, sepsis only"):
         load_runs(output, "pointmaze")
-    with pytest.raises(UserError, match="Finished runs exist for delayed, but none that was asked for"):
+    with pytest.raises(UserError, match="Finished runs exist for delayed, but not with these seeds"):
         load_runs(output, "sepsis", seed=100)
 
 
@@ -74,6 +74,8 @@ def test_a_method_without_runs_is_an_error(write_run: WriteRun, tmp_path: Path):
     write_run("disagreement", 0, REGRET)
     with pytest.raises(UserError, match="did you mean 'disagreement'"):
         load_runs(tmp_path / "outputs", "advertiser", methods=["disagreement", "disagrement"])
+    with pytest.raises(UserError, match="did you mean 'disagreement'"):
+        load_runs(tmp_path / "outputs", "advertiser", methods=["disagrement"])
 
 
 def test_a_damaged_run_is_named(write_run: WriteRun, tmp_path: Path):

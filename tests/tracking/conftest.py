@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+
+from credit.tracking.store import open_experiment, resolve_uri
 
 NAN = float("nan")
 STARTED = 1_700_000_000.0
@@ -111,3 +114,18 @@ class FakeJob:
 @pytest.fixture
 def session(tmp_path: Path) -> FakeSession:
     return FakeSession(tmp_path / "outputs")
+
+
+@pytest.fixture(scope="session")
+def fresh_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A SQLite store with its schema, made once: the migration takes over a second."""
+    output = tmp_path_factory.mktemp("store")
+    open_experiment(resolve_uri(None, output), output, "fresh")
+    return output / "mlflow.db"
+
+
+@pytest.fixture
+def uri(tmp_path: Path, fresh_store: Path) -> str:
+    """The address of an empty store."""
+    shutil.copy(fresh_store, tmp_path / "mlflow.db")
+    return resolve_uri(None, tmp_path)

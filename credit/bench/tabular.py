@@ -1,0 +1,144 @@
+"""`credit bench tabular`: the tabular core against the naive way, its growth in blocks, its memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import torch
+from scipy import stats
+
+from credit import schema
+from credit.bench import naive
+from credit.bench.measure import cpu_seconds, peak_megabytes
+from credit.run import compose
+from credit.trainer import Trainer
+
+REPLICAS = 20
+BLOCKS = 2000
+RUN = """
+import torch
+torch.set_num_threads(1)
+from credit.bench.tabular import fast
+fast({blocks}, replicas={replicas}, draws={draws})
+"""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the report: what was measured, the figure, what it should be, whether it is."""
+
+    what: str
+    figure: str
+    target: str = ""
+    met: bool | None = None
+
+
+def run(say: Callable[[str], None] = lambda line: None) -> list[Row]:
+    """Measure everything in this process, on one thread; about a minute and a half."""
+    torch.set_num_threads(1)
+    fast(50, REPLICAS)  # warm-up
+    say(f"disagreement, {REPLICAS} replicas, {BLOCKS} blocks")
+    ours = cpu_seconds(lambda: fast(BLOCKS, REPLICAS), repeat=2) / REPLICAS
+    windows = fast(BLOCKS, 1, first_seed=7).dataset.windows
+    arrays = [part[0].numpy() for part in (windows.states, windows.actions, windows.next_states, windows.labels)]
+    say("the naive way, and the naive way with design matrices kept, at 6 lengths of history")
+    first, kept = naive_seconds(arrays, cache=False), naive_seconds(arrays, cache=True)
+    say(f"{4 * BLOCKS} blocks")
+    longer = cpu_seconds(lambda: fast(4 * BLOCKS, REPLICAS)) / REPLICAS
+    growth = longer / ours
+    rows = [
+        Row("CPU seconds a seed, 20 replicas side by side", f"{ours:.3f}"),
+        Row("CPU seconds a seed, the naive way (extrapolated)", f"{first:.1f}"),
+        Row("ratio to the naive way", f"{first / ours:.0f}", "≥ 100", first / ours >= 100),
+        Row("ratio to the naive way with design matrices kept", f"{kept / ours:.0f}"),
+        Row("time of 8,000 blocks over 2,000", f"{growth:.2f}", "4 ± 1", 3 <= growth <= 5),
+    ]
+    say("memory of fresh processes")
+    rows += memory()
+    say("statistical agreement with the naive way")
+    return rows + agreement(arrays)
+
+
+def fast(blocks: int, replicas: int, draws: int = 20, first_seed: int = 0) -> Trainer:
+    """Run Disagreement-UCB on the advertiser; the finished trainer."""
+    config = compose(["method=disagreement", f"trainer.steps={7 * blocks}", f"uncertainty.draws={draws}"])
+    trainer: Trainer = schema.build(config, "trainer")
+    trainer.start(tuple(range(first_seed, first_seed + replicas)))
+    trainer.run(lambda step, values: None)
+    return trainer
+
+
+def naive_seconds(arrays: list[np.ndarray], cache: bool) -> float:
+    """CPU seconds of a whole naive run: blocks are timed at several lengths of a real history and integrated."""
+    lengths = [len(arrays[0]) * part // 5 for part in range(1, 6)]
+    lengths = [20, *lengths]
+    learner = naive.NaiveDisagreement(np.random.default_rng(0), cache=cache)
+    seconds = [cpu_seconds(partial(learner.decide, *(part[:n] for part in arrays)), repeat=5) for n in lengths]
+    return float(np.trapezoid([seconds[0], *seconds], [0, *lengths]))
+
+
+def memory(replicas: int = 100, few: int = 100, many: int = 600) -> list[Row]:
+    """Peak memory for few and many blocks and draws: what blocks add must not depend on the draws."""
+    peak = {
+        (blocks, draws): peak_megabytes(RUN.format(blocks=blocks, replicas=replicas, draws=draws))
+        for blocks in (few, many)
+        for draws in (20, 80)
+    }
+    added = {draws: peak[many, draws] - peak[few, draws] for draws in (20, 80)}
+    product = 60 * replicas * (many - few) * 8 / 2**20  # if one number a draw, replica and block were kept
+    return [
+        Row(f"peak memory, {replicas} replicas, {many} blocks, 20 draws", f"{peak[many, 20]:.0f} MiB"),
+        Row(f"peak memory, {replicas} replicas, {many} blocks, 80 draws", f"{peak[many, 80]:.0f} MiB"),
+        Row(
+            f"what {many - few} more blocks add at 80 draws, less at 20",
+            f"{added[80] - added[20]:+.1f} MiB",
+            f"< {product / 2:.0f}",
+            added[80] - added[20] < product / 2,
+        ),
+    ]
+
+
+def agreement(arrays: list[np.ndarray], seeds: int = 12, blocks: int = 150) -> list[Row]:
+    """Equal fits on equal windows; the same bootstrap variance; the same regret within its interval."""
+    states, actions, _, labels = arrays
+    trainer = fast(len(labels), 1, first_seed=7)
+    recovery = trainer.recovery()
+    assert recovery is not None
+    fitted, mse, _ = naive.proxies(states, actions, labels, 400, np.random.default_rng(1))
+    gap = max(
+        float(np.abs(recovery.mean[0, j].numpy() - table.ravel()).max()) for j, table in enumerate(fitted.values())
+    )
+    ratio = float(np.exp(np.log(recovery.mse[0, 0].numpy() / mse["ridge"].ravel()).mean()))
+    ours = fast(blocks, seeds)
+    theirs = np.array([naive_regret(seed, blocks) for seed in range(seeds)])
+    difference = ours.oracle.metrics({}, None)["regret/cumulative"].numpy() - theirs
+    low, high = stats.t.interval(0.95, seeds - 1, loc=difference.mean(), scale=stats.sem(difference))
+    return [
+        Row("largest difference of point fits on the same 2,000 windows", f"{gap:.1e}", "≤ 1e-8", gap <= 1e-8),
+        Row("bootstrap variance over the naive one (20 and 400 draws)", f"{ratio:.2f}", "1 ± .3", abs(ratio - 1) < 0.3),
+        Row(
+            f"regret less the naive one, {blocks} blocks, {seeds} seeds [95%]",
+            f"{difference.mean():+.1f} [{low:+.1f}, {high:+.1f}]",
+            "includes 0",
+            bool(low <= 0 <= high),
+        ),
+    ]
+
+
+def naive_regret(seed: int, blocks: int) -> float:
+    """Final regret of a naive run in the same environment with the same random numbers."""
+    trainer: Trainer = schema.build(compose(["method=disagreement", f"trainer.steps={7 * blocks}"]), "trainer")
+    trainer.start((seed,))
+    learner = naive.NaiveDisagreement(np.random.default_rng(seed))
+    for _ in range(blocks):
+        policy = torch.from_numpy(learner.policy)
+        windows, primitive = trainer.env.collect(lambda s, t, p=policy: p[s], trainer.feedback, 1, 7)
+        trainer.oracle.update(primitive, windows.labels)
+        trainer.dataset.append(windows)
+        everything = trainer.dataset.windows
+        parts = (everything.states, everything.actions, everything.next_states, everything.labels)
+        learner.decide(*(part[0].numpy() for part in parts))
+    return float(trainer.oracle.metrics({}, None)["regret/cumulative"][0])

@@ -1,0 +1,25 @@
+"""The colours of the methods that ship, wherever their curves are drawn."""
+
+from __future__ import annotations
+
+# Okabe and Ito's colours, which stay apart for colour-blind readers; greys for what is only a landmark.
+COLOURS = {
+    "block": "#7a7a7a",
+    "block_fair": "#4a4a4a",
+    "delayed": "#cc79a7",
+    "delayed_fair": "#882255",
+    "reference": "#0072b2",
+    "adaptive_mse": "#009e73",
+    "disagreement": "#d55e00",
+    "elliptical": "#56b4e9",
+    "thompson": "#e69f00",
+    "oracle": "#000000",
+    "random": "#b0b0b0",
+}
+TINT = 0.55
+
+
+def tint(colour: str) -> str:
+    """A lighter shade, for the seeds beside their mean."""
+    parts = (int(colour[place : place + 2], 16) for place in (1, 3, 5))
+    return "#" + "".join(f"{round(part + TINT * (255 - part)):02x}" for part in parts)

@@ -1,0 +1,133 @@
+"""`credit train` as a user types it."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import credit as package
+
+SHORT = ("trainer.steps=700", "trainer.log_every=20", "tracking=none")
+ROOT = Path(package.__file__).resolve().parents[1]
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_job_leaves_complete_runs(credit, folder):
+    ended = credit("train", "method=disagreement", "seed=3", "replicas=2", *SHORT)
+    assert ended.code == 0
+    parent = folder / "outputs/advertiser/disagreement/trainer.log_every=20,trainer.steps=700"
+    assert sorted(path.name for path in parent.iterdir()) == ["seed-3", "seed-4"]
+    for seed in (3, 4):
+        run = parent / f"seed-{seed}"
+        assert sorted(path.name for path in run.iterdir()) == [
+            "DONE",
+            "config.yaml",
+            "metrics.csv",
+            "recovery.npz",
+            "summary.json",
+        ]
+        journal = rows(run / "metrics.csv")
+        assert [int(row["step"]) for row in journal] == [140, 280, 420, 560, 700]
+        summary = json.loads((run / "summary.json").read_text())
+        assert summary["status"] == "FINISHED"
+        assert summary["seed"] == seed
+        assert summary["metrics"]["regret/cumulative"] == float(journal[-1]["regret/cumulative"])
+        assert (run / "DONE").read_text().strip() == summary["config_hash"]
+    assert f"runs     {parent.relative_to(folder)}/seed-*" in ended.out
+    assert "credit compare experiment=advertiser" in ended.out
+
+
+def test_the_same_command_does_only_what_is_missing(credit, folder):
+    credit("train", "method=random", "replicas=2", *SHORT)
+    first = {path: path.stat().st_mtime_ns for path in folder.rglob("metrics.csv")}
+    ended = credit("train", "method=random", "replicas=3", *SHORT)
+    assert ended.code == 0
+    assert "1 seeds" in ended.err
+    assert "2 already done" in ended.err
+    assert {path: path.stat().st_mtime_ns for path in first} == first
+    assert len(list(folder.rglob("DONE"))) == 3
+
+
+def test_a_seed_alone_equals_the_seed_in_a_batch(credit, folder):
+    credit("train", "method=disagreement", "replicas=3", *SHORT)
+    credit("train", "method=disagreement", "seed=1", "output=alone", "replicas=1", *SHORT)
+    place = "advertiser/disagreement/trainer.log_every=20,trainer.steps=700/seed-1/metrics.csv"
+    batch, alone = rows(folder / "outputs" / place), rows(folder / "alone" / place)
+    for row in (*batch, *alone):
+        del row["time/seconds"]
+    assert batch == alone
+
+
+def test_another_configuration_is_never_overwritten(credit, folder):
+    place = ("--config-dir", "mine", "env=mine")
+    file = folder / "mine/env/mine.yaml"
+    file.parent.mkdir(parents=True)
+    file.write_text("_target_: credit.envs.advertiser.Advertiser\np_up: 0.6\n")
+    assert credit("train", *place, "method=random", "replicas=1", *SHORT).code == 0
+    before = next(folder.rglob("metrics.csv")).read_bytes()
+    file.write_text("_target_: credit.envs.advertiser.Advertiser\np_up: 0.5\n")
+    ended = credit("train", *place, "method=random", "replicas=1", *SHORT)
+    assert ended.code == 2
+    assert "env.p_up: 0.6 → 0.5" in ended.err
+    assert "rerun=true" in ended.err
+    assert next(folder.rglob("metrics.csv")).read_bytes() == before
+    assert credit("train", *place, "method=random", "replicas=1", "rerun=true", *SHORT).code == 0
+    assert next(folder.rglob("metrics.csv")).read_bytes() != before
+
+
+def test_a_sweep_runs_every_job(credit, folder):
+    ended = credit("train", "-m", "method=delayed,reference", "replicas=2", *SHORT)
+    assert ended.code == 0
+    assert len(list(folder.rglob("DONE"))) == 4
+    session = next((folder / "outputs/sessions").iterdir())
+    assert json.loads((session / "session.json").read_text())["kind"] == "sweep"
+    jobs = [json.loads((session / f"job-{number}.json").read_text()) for number in (0, 1)]
+    assert [job["method"] for job in jobs] == ["delayed", "reference"]
+    assert {job["status"] for job in jobs} == {"FINISHED"}
+
+
+def test_infinite_labels_stop_the_run(credit, folder):
+    ended = credit("train", "method=reference", "replicas=2", "env.gain=1e308", *SHORT)
+    assert ended.code == 1
+    assert "window 1 of seed 0 has the label inf" in ended.err
+    run = next(folder.rglob("seed-0"))
+    assert not (run / "DONE").exists()
+    assert json.loads((run / "summary.json").read_text())["status"] == "FAILED"
+    session = next((folder / "outputs/sessions").iterdir())
+    assert json.loads((session / "session.json").read_text())["status"] == "FAILED"
+    assert "Traceback" in (session / "error.log").read_text()
+
+
+def test_check_and_list_and_help_build_nothing(credit, folder):
+    assert "# all right" in credit("check", "method=block").out
+    assert "# 2 jobs, all right" in credit("check", "-m", "method=block,random").out
+    listing = credit("list").out
+    for name in ("disagreement", "elliptical", "threshold", "alpha = 0.5   (float > 0)"):
+        assert name in listing
+    for words in ((), ("train", "--help"), ("compare", "--help"), ("dashboard", "--help"), ("bench", "--help")):
+        ended = credit(*words) if words else credit("--help")
+        assert ended.code == 0
+        assert "credit" in ended.out
+    assert "count, disagreement" in credit("train", "--help").out
+    assert list(folder.iterdir()) == []
+
+
+def test_the_module_is_the_command(folder):
+    done = subprocess.run(
+        [sys.executable, "-m", "launch.train", "method=disagrement"],
+        env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "did you mean 'disagreement'" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert list(folder.iterdir()) == []

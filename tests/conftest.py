@@ -1,0 +1,71 @@
+"""What all tests share: one thread, reproducible examples, small problems, and trainers composed once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import Any
+
+import pytest
+import torch
+from hypothesis import settings
+
+from credit import job, registry, schema
+from credit.envs.advertiser import Advertiser
+from credit.trainer import Trainer
+from credit.types import Problem, Windows
+
+torch.set_num_threads(1)
+settings.register_profile("credit", deadline=None, derandomize=True, database=None, max_examples=40)
+settings.load_profile("credit")
+
+
+@cache
+def _composed(overrides: tuple[str, ...]) -> dict[str, Any]:
+    return job.checked(registry.compose(["tracking=none", *overrides]))
+
+
+@pytest.fixture(scope="session")
+def composed() -> Callable[..., dict[str, Any]]:
+    """The checked configuration of some overrides, without tracking."""
+    return lambda *overrides: _composed(overrides)
+
+
+@pytest.fixture(scope="session")
+def make_trainer() -> Callable[..., Trainer]:
+    """A started trainer: `make_trainer("reference", (0, 1), "trainer.steps=70")`."""
+
+    def make(method: str, seeds: tuple[int, ...], *overrides: str) -> Trainer:
+        trainer: Trainer = schema.build(_composed((f"method={method}", *overrides)), "trainer")
+        trainer.start(seeds)
+        return trainer
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def make_problem() -> Callable[..., Problem]:
+    """A problem of the advertiser's size, or another."""
+
+    def make(seeds: Sequence[int] = (0,), states: int = 10, actions: int = 3, window: int = 7) -> Problem:
+        return Problem(states, actions, window, tuple(seeds), False, torch.device("cpu"))
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def make_windows() -> Callable[..., Windows]:
+    """Windows of uniform actions in uniform states, labelled by the advertiser's reward and noise of .2."""
+
+    def make(problem: Problem, count: int, seed: int = 0) -> Windows:
+        generator = torch.Generator().manual_seed(seed)
+        shape = (problem.replicas, count, problem.window)
+        states = torch.randint(problem.states, shape, generator=generator)
+        actions = torch.randint(problem.actions, shape, generator=generator)
+        arrivals = torch.randint(problem.states, shape, generator=generator)
+        phi = (0.0, *(0.02 + 0.03 * a for a in range(problem.actions - 1)))
+        reward = Advertiser(states=problem.states, interaction=phi).mdp.reward
+        noise = torch.randn(shape[:2], generator=generator, dtype=torch.float64)
+        return Windows(states, actions, arrivals, reward[states, actions].sum(-1) + 0.2 * noise)
+
+    return make

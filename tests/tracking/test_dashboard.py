@@ -1,0 +1,108 @@
+from __future__ import annotations
+
+import json
+import socket
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mlflow import MlflowClient
+
+from credit.errors import UserError
+from credit.tracking import landing
+from credit.tracking.mirror import Mirror
+from launch import dashboard
+
+from .conftest import FakeSession
+
+
+def opened(uri: str) -> dict[str, Any]:
+    """What the page puts into the browser."""
+    text = landing.landing_page(MlflowClient(uri)).split("} = ", 1)[1].split(";\n", 1)[0]
+    content: dict[str, Any] = json.loads(text)
+    return content
+
+
+def mirrored(session: FakeSession, uri: str) -> dict[str, str]:
+    """Two jobs in the store; the id of every run by its name."""
+    for method in ("delayed", "reference"):
+        job = session.job(method, [0, 1])
+        job.header(["regret/cumulative", "reward/mse"])
+        job.row(7, (1, 2), (3, 4))
+    Mirror(session.output, session.folder, uri).sync()
+    client = MlflowClient(uri)
+    runs = client.search_runs([experiment.experiment_id for experiment in client.search_experiments()])
+    return {run.info.run_name: run.info.run_id for run in runs}
+
+
+def test_the_newest_sweep_opens_on_its_methods(session: FakeSession, uri: str) -> None:
+    runs = mirrored(session, uri)
+    page = opened(uri)
+    sweep = runs[f"sweep {session.id}"]
+    assert page["address"].startswith("/?ui#/experiments/2/runs?compareRunsMode=CHART&searchFilter=&")
+    assert page["view"]["expanded"] == {sweep: True}
+    assert page["view"]["visible"] == {sweep: False}, "it has no curves of its own"
+    charts = [chart["selectedMetricKeys"] for chart in page["view"]["first"]["compareRunCharts"]]
+    band = ["interval/regret_cumulative_high", "interval/regret_cumulative_low"]
+    assert charts == [["regret/cumulative"], ["regret/cumulative", *band], ["reward/mse"]]
+    folded = [part["name"] for part in page["view"]["first"]["compareRunSections"] if not part["display"]]
+    assert folded == ["interval", "report"]
+
+
+def test_many_seeds_do_not_hide_a_method(
+    session: FakeSession, uri: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(landing, "PAGE", 3)
+    mirrored(session, uri)
+    assert "searchFilter=tags.level%3D%22job%22%20and" in opened(uri)["address"]
+    assert opened(uri)["view"]["expanded"] == {}
+
+
+def test_an_empty_store_opens_on_its_experiments(uri: str) -> None:
+    assert opened(uri)["address"] == "/?ui#/experiments"
+
+
+def test_without_a_store_it_says_what_to_run(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="credit train"):
+        dashboard.main(["--output", str(tmp_path)])
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_port_that_is_taken(tmp_path: Path, uri: str) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(UserError, match=f"--port {port}"):
+            dashboard.main(["--output", str(tmp_path), "--uri", uri, "--port", str(port)])
+
+
+def test_an_address_that_is_none(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="--uri 'nonsense'"):
+        dashboard.main(["--output", str(tmp_path), "--uri", "nonsense"])
+
+
+@pytest.mark.parametrize(
+    ("path", "query", "host", "ours"),
+    [
+        ("/", b"", b"127.0.0.1:5000", True),
+        ("/", b"ui", b"127.0.0.1:5000", False),
+        ("/static", b"", b"localhost", False),
+        ("/", b"", b"elsewhere.example", False),
+    ],
+)
+def test_only_the_root_is_ours(path: str, query: bytes, host: bytes, ours: bool) -> None:
+    import anyio
+
+    answered: list[str] = []
+
+    async def mlflow_itself(scope: Any, receive: Any, send: Any) -> None:
+        answered.append("mlflow")
+
+    async def send(message: Any) -> None:
+        answered.append(message["type"])
+
+    async def receive() -> None:
+        return None
+
+    scope = {"type": "http", "path": path, "query_string": query, "headers": [(b"host", host)]}
+    anyio.run(dashboard.opening_on(mlflow_itself, lambda: "page"), scope, receive, send)
+    assert answered == (["http.response.start", "http.response.body"] if ours else ["mlflow"])
