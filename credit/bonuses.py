@@ -120,7 +120,7 @@ class Thompson(Bonus):
 
     needs: ClassVar = {"reference": LinearModel}
 
-    def __init__(self, scale: NonNegative = 0.2) -> None:
+    def __init__(self, scale: NonNegative = 0.15) -> None:
         self.scale = scale
 
     def start(self, problem: Problem) -> None:

@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 Domain = Literal["tabular", "continuous", "any"]
 
 
-class Component(ABC):
+class Component(ABC):  # noqa: B024 - its kinds say what is abstract
     """Anything that YAML can name.
 
     Attributes:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import torch
-from torch import Tensor
 
+from credit.tensors import grown
 from credit.types import Problem, Windows
 
 
@@ -18,9 +18,8 @@ class Dataset:
 
     def __init__(self, problem: Problem, capacity: int) -> None:
         shape = (problem.replicas, max(capacity, 1), problem.window)
-        make = lambda dtype, *s: torch.empty(*s, dtype=dtype, device=problem.device)  # noqa: E731
-        self._steps = [make(torch.int64, *shape) for _ in range(3)]
-        self._labels = make(torch.float64, *shape[:2])
+        self._steps = [torch.zeros(shape, dtype=torch.int64, device=problem.device) for _ in range(3)]
+        self._labels = problem.zeros(shape[1])
         self._count = 0
         self.new: Windows
 
@@ -31,11 +30,9 @@ class Dataset:
         """Add windows [R, K, T]; they are `new` until the next append."""
         start, stop = self._count, self._count + windows.labels.shape[1]
         if stop > self._labels.shape[1]:
-            self._steps = [_grow(block, stop) for block in self._steps]
-            self._labels = _grow(self._labels, stop)
-        for block, values in zip(
-            self._steps, (windows.states, windows.actions, windows.next_states), strict=True
-        ):
+            self._steps = [grown(block, stop) for block in self._steps]
+            self._labels = grown(self._labels, stop)
+        for block, values in zip(self._steps, (windows.states, windows.actions, windows.next_states), strict=True):
             block[:, start:stop] = values
         self._labels[:, start:stop] = windows.labels
         self._count = stop
@@ -46,9 +43,3 @@ class Dataset:
         """All windows [R, K, T], as views."""
         states, actions, next_states = (block[:, : self._count] for block in self._steps)
         return Windows(states, actions, next_states, self._labels[:, : self._count])
-
-
-def _grow(block: Tensor, rows: int) -> Tensor:
-    larger = block.new_empty(block.shape[0], max(rows, 2 * block.shape[1]), *block.shape[2:])
-    larger[:, : block.shape[1]] = block
-    return larger

@@ -131,7 +131,7 @@ class Mixer(Component):
 class Bonus(Component):
     """What optimism adds to the mixed reward."""
 
-    def start(self, problem: Problem) -> None:  # noqa: B027 - most bonuses have no state
+    def start(self, problem: Problem) -> None:
         """Make streams, where the bonus is random."""
 
     @abstractmethod

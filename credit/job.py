@@ -102,7 +102,8 @@ def split(config: Mapping[str, Any], parent: Path) -> tuple[list[int], list[int]
     Raises:
         UserError: a folder holds a run of another configuration, which is never overwritten (but see `rerun`).
     """
-    todo, done = [], []
+    todo: list[int] = []
+    done: list[int] = []
     for seed in Job.of(config).seeds:
         folder = parent / f"seed-{seed}"
         if config["rerun"] or not (folder / "config.yaml").exists():

@@ -16,7 +16,7 @@ from credit.errors import UserError
 
 @dataclass(frozen=True)
 class Run:
-    """One run: its configuration, journal (a frame indexed by step), summary, and recovery arrays where there are any."""
+    """One run: configuration, journal (a frame indexed by step), summary, recovery arrays where there are any."""
 
     folder: Path
     config: dict[str, Any]

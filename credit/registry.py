@@ -74,9 +74,8 @@ def search_path(config_dirs: Sequence[str] = ()) -> list[Path]:
     found = [conf_dir()]
     for point in entry_points(group="credit.components"):
         spec = importlib.util.find_spec(point.module)
-        for place in (spec.submodule_search_locations or []) if spec else []:
-            if (folder := Path(place) / "conf").is_dir():
-                found.append(folder)
+        places = (spec.submodule_search_locations or []) if spec else []
+        found.extend(folder for place in places if (folder := Path(place) / "conf").is_dir())
     for name in config_dirs:
         folder = Path(name).resolve()
         if not folder.is_dir():
@@ -106,7 +105,8 @@ def expand(overrides: Sequence[str]) -> list[list[str]]:
     with _hydra():
         parsed = [_parse(text) for text in overrides]
         jobs: list[list[str]] = BasicSweeper.split_arguments(
-            [override for override in parsed if not override.key_or_group.startswith("hydra")], max_batch_size=None
+            [override for override in parsed if not override.key_or_group.startswith("hydra")],
+            max_batch_size=None,
         )[0]
     return jobs
 
@@ -229,5 +229,3 @@ def _search_override(config_dirs: Sequence[str]) -> list[str]:
     """The override that tells Hydra of the folders beside ours."""
     folders = [f"file://{folder}" for folder in search_path(config_dirs)[1:]]
     return [f"hydra.searchpath=[{','.join(folders)}]"] if folders else []
-
-

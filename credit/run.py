@@ -185,5 +185,3 @@ def _write_beliefs(trainer: Trainer, folders: list[Path]) -> None:
     for index, folder in enumerate(folders):
         arrays = recovery_arrays(trainer.problem, index, trainer.dataset, recovery, trainer.oracle.truth, policy)
         write_arrays(folder / "recovery.npz", arrays)
-
-

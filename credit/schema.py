@@ -1,4 +1,4 @@
-"""Is a configuration right, and what does it build? Schemas come from constructor signatures; nothing is declared twice.
+"""Is a configuration right, and what does it build? Schemas come from signatures; nothing is declared twice.
 
 A *slot* is a top-level key that holds one component (`mixer`) or several by name (`bonus`). A constructor asks for
 another component by naming its slot: `RewardRecovery(mixer: Mixer, ...)` gets the one in `mixer`. The trainer is the
@@ -40,7 +40,11 @@ class Check:
     """
 
     def __init__(
-        self, config: Mapping[str, Any], slots: Mapping[str, type[Component]], job: type, roots: tuple[str, ...]
+        self,
+        config: Mapping[str, Any],
+        slots: Mapping[str, type[Component]],
+        job: type,
+        roots: tuple[str, ...],
     ) -> None:
         self.problems: list[str] = []
         self.used: set[str] = set()
@@ -78,7 +82,12 @@ class Check:
         return cls
 
     def _arguments(
-        self, prefix: str, values: Mapping[str, Any], cls: type, slot: str = "", extra_names: Mapping[str, Any] = {}
+        self,
+        prefix: str,
+        values: Mapping[str, Any],
+        cls: type,
+        slot: str = "",
+        extra_names: Mapping[str, Any] = {},
     ) -> None:
         hints = signature(cls)
         for key, value in values.items():
@@ -209,9 +218,10 @@ def allowed_packages() -> frozenset[str]:
 @cache
 def signature(cls: type) -> dict[str, tuple[Any, Any]]:
     """Constructor parameters: name → (type hint, default or REQUIRED)."""
-    if cls.__init__ is object.__init__:
+    constructor = inspect.getattr_static(cls, "__init__")
+    if constructor is object.__init__:
         return {}
-    hints = typing.get_type_hints(cls.__init__, include_extras=True)
+    hints = typing.get_type_hints(constructor, include_extras=True)
     parameters = inspect.signature(cls).parameters
     return {name: (hints.get(name, Any), parameter.default) for name, parameter in parameters.items()}
 

@@ -1,4 +1,4 @@
-"""Linear algebra that gives a replica the same bits alone and in any batch."""
+"""Small tools on tensors with a leading replica dimension."""
 
 from __future__ import annotations
 
@@ -14,3 +14,10 @@ def matvec(matrix: Tensor, vector: Tensor) -> Tensor:
     if matrix.shape[0] == 1:
         return torch.bmm(matrix.expand(2, -1, -1), vector.expand(2, -1).unsqueeze(-1))[:1, :, 0]
     return torch.bmm(matrix, vector.unsqueeze(-1)).squeeze(-1)
+
+
+def grown(block: Tensor, columns: int) -> Tensor:
+    """The same values in a block [R, at least `columns`, ...], twice as long or more; zeros behind them."""
+    larger = block.new_zeros(block.shape[0], max(columns, 2 * block.shape[1]), *block.shape[2:])
+    larger[:, : block.shape[1]] = block
+    return larger

@@ -107,7 +107,7 @@ class Trainer(Component):
             replica, k = (int(i) for i in (~finite).nonzero()[0])
             raise RunError(
                 f"window {len(self.dataset) + k} of seed {self.problem.seeds[replica]} has the label "
-                f"{float(windows.labels[replica, k])}: labels must be finite; look at the environment's reward and at feedback"
+                f"{float(windows.labels[replica, k])}: labels must be finite; look at env's reward and at feedback"
             )
         self.oracle.update(primitive, windows.labels)
         return replace(windows, primitive=primitive) if self._shows_primitive else windows

@@ -53,9 +53,9 @@ class Counts(TransitionModel):
 class ShiftMixture(TransitionModel):
     """Counts shrunk towards a structured estimate: on a line, an action moves the state by a law of its own.
 
-    P̂(s'|s, a) = (N(s, a, s') + κ·P̃(s'|s, a)) / (N(s, a) + κ), where P̃ has the shift s' − s ∈ {−1, 0, 1} distributed by a,
-    estimated from all states inside the line together, and reflects at its ends. It is for P what a surrogate is for r:
-    low variance, and wrong where the structure is.
+    P̂(s'|s, a) = (N(s, a, s') + κ·P̃(s'|s, a)) / (N(s, a) + κ), where under P̃ the shift s' − s ∈ {−1, 0, 1} depends on a
+    alone, is estimated from all states inside the line together, and reflects at its ends. It is for P what a
+    surrogate is for r: low variance, and wrong where the structure is.
 
     Args:
         pseudo_counts: κ, visits to (s, a) after which its own counts weigh as much as the structure.

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from credit.errors import UserError, nearest
+from launch.cli import guarded
 from launch.common import Words
 
 BENCHES = {"tabular": "the advertiser's tabular core against the naive way: time, growth, memory, agreement"}
@@ -38,6 +39,4 @@ def main(argv: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    from launch.cli import guarded
-
     sys.exit(guarded("bench", sys.argv[1:]))

@@ -6,6 +6,7 @@ import sys
 
 import yaml
 
+from launch.cli import guarded
 from launch.common import Words, help_text
 from launch.train import checked_jobs
 
@@ -28,6 +29,4 @@ def main(argv: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    from launch.cli import guarded
-
     sys.exit(guarded("check", sys.argv[1:]))

@@ -49,7 +49,10 @@ def guarded(command: str, words: Sequence[str]) -> int:
         return status
     except UserError as error:
         lines = str(error).splitlines()
-        print(f"credit {command}: " + ("\n  ".join(["", *lines]) if len(lines) > 1 else lines[0]), file=sys.stderr)
+        print(
+            f"credit {command}: " + ("\n  ".join(["", *lines]) if len(lines) > 1 else lines[0]),
+            file=sys.stderr,
+        )
         return 2
     except KeyboardInterrupt:
         print(f"credit {command}: interrupted", file=sys.stderr)

@@ -47,7 +47,11 @@ class Words:
 
 def help_text(command: str, arguments: str, config_dirs: Sequence[str]) -> str:
     """Usage, every group with its options, and examples."""
-    lines = [f"usage: credit {command} {arguments} [--config-dir DIR]", "", "what can be chosen (group=option)"]
+    lines = [
+        f"usage: credit {command} {arguments} [--config-dir DIR]",
+        "",
+        "what can be chosen (group=option)",
+    ]
     groups = {**registry.CHOICES, **{name: kind.help for name, kind in registry.KINDS.items() if kind.slots}}
     for group, line in groups.items():
         options = registry.options(group, config_dirs)
@@ -56,8 +60,8 @@ def help_text(command: str, arguments: str, config_dirs: Sequence[str]) -> str:
         lines += [f"  {group:<12} {line}", f"  {'':<12}   {', '.join(options)}"]
     lines += [
         "",
-        "what can be set (key=value): seed, replicas, device, output, rerun, trainer.steps, trainer.windows_per_round, …;",
-        "`credit list KIND` shows the parameters of every component, for example mixer.alpha=.3",
+        "what can be set (key=value): seed, replicas, device, output, rerun, trainer.steps, trainer.log_every, …",
+        "and every parameter of a component, as `credit list KIND` shows them: mixer.alpha=.3",
         "",
         EXAMPLES,
     ]

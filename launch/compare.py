@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import sys
 from pathlib import Path
-from typing import Any
 
-from credit.errors import UserError, nearest
+from launch.cli import guarded
+from launch.words import Reader, name, names, read_words, whole
 
 HELP = """\
 Compare finished runs of an experiment: tables, intervals and figures.
@@ -45,7 +45,7 @@ def main(argv: list[str]) -> int:
     if {"-h", "--help"} & set(argv):
         print(HELP, end="")
         return 0
-    options = _parse(argv)
+    options = {"experiment": "advertiser", "output": Path("outputs"), **read_words(argv, READERS, "compare")}
     from rich.console import Console
 
     from credit.report.compare import compare
@@ -68,70 +68,24 @@ def main(argv: list[str]) -> int:
     return 0
 
 
-def _parse(argv: list[str]) -> dict[str, Any]:
-    """The arguments of `credit.report.compare.compare`, from KEY=VALUE words."""
-    options: dict[str, Any] = {"experiment": "advertiser", "output": Path("outputs")}
-    problems = []
-    for word in argv:
-        key, equals, text = word.partition("=")
-        if not equals:
-            problems.append(f"{word!r} is not of the form KEY=VALUE")
-        elif key not in _READERS:
-            problems.append(f"unknown key {key!r}; {nearest(key, _READERS)}")
-        else:
-            argument, reader, allowed = _READERS[key]
-            try:
-                options[argument] = reader(text)
-            except (ValueError, KeyError):
-                problems.append(f"{key}={text}: expected {allowed}")
-    if problems:
-        raise UserError("\n".join([*problems, "`credit compare --help` lists what can be set"]))
-    return options
-
-
-def _names(text: str) -> list[str]:
-    names = [name.strip() for name in text.split(",")]
-    if not all(names):
-        raise ValueError(text)
-    return names
-
-
-def _name(text: str) -> str:
-    (name,) = _names(text)
-    return name
-
-
-def _whole(least: int) -> Callable[[str], int]:
-    def read(text: str) -> int:
-        if int(text) < least:
-            raise ValueError(text)
-        return int(text)
-
-    return read
-
-
 def _tracked(text: str) -> bool:
     return {"mlflow": True, "none": False}[text]
 
 
 # key → argument of `compare`, how its text is read, what is allowed
-_READERS: dict[str, tuple[str, Callable[[str], Any], str]] = {
-    "experiment": ("experiment", _name, "one name"),
-    "method": ("methods", _names, "names separated by commas"),
-    "slug": ("slugs", _names, "names separated by commas"),
-    "seed": ("seed", _whole(0), "a whole number, 0 or more"),
-    "replicas": ("replicas", _whole(1), "a whole number, 1 or more"),
-    "reference": ("reference", _name, "one name"),
+READERS: dict[str, Reader] = {
+    "experiment": ("experiment", name, "one name"),
+    "method": ("methods", names, "names separated by commas"),
+    "slug": ("slugs", names, "names separated by commas"),
+    "seed": ("seed", whole(0), "a whole number, 0 or more"),
+    "replicas": ("replicas", whole(1), "a whole number, 1 or more"),
+    "reference": ("reference", name, "one name"),
     "trapped_above": ("trapped_above", float, "a number"),
-    "diagnostics_seed": ("diagnostics_seed", _whole(0), "a whole number, 0 or more"),
+    "diagnostics_seed": ("diagnostics_seed", whole(0), "a whole number, 0 or more"),
     "output": ("output", Path, "a folder"),
     "tracking": ("log", _tracked, "mlflow or none"),
 }
 
 
 if __name__ == "__main__":
-    import sys
-
-    from launch.cli import guarded
-
     sys.exit(guarded("compare", sys.argv[1:]))

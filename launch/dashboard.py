@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import os
 import socket
+import sys
 import warnings
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -13,6 +13,8 @@ from typing import Any
 
 from credit.errors import UserError
 from credit.tracking.store import quiet_environment, resolve_uri, sqlite_file, uri_problem
+from launch.cli import guarded
+from launch.words import Reader, read_words, whole
 
 HOST = "127.0.0.1"
 PORT = 5000
@@ -22,18 +24,45 @@ Send = Callable[[Any], Awaitable[None]]
 App = Callable[[dict[str, Any], Receive, Send], Awaitable[None]]
 
 
+HELP = f"""\
+Open MLflow's UI on the project's store, on {HOST}; it shows the newest sweep.
+
+Usage: credit dashboard [KEY=VALUE ...]
+
+  output=DIR   the output folder whose store is shown    (outputs)
+  port=N       the port                                  ({PORT})
+  uri=URI      another tracking store                    (mlflow.db in the output folder)
+"""
+READERS: dict[str, Reader] = {
+    "output": ("output", Path, "a folder"),
+    "port": ("port", whole(1), "a whole number, 1 or more"),
+    "uri": ("uri", str, "a tracking URI"),
+}
+
+
 def main(argv: list[str]) -> int:
     """Check the store and the port, then serve until Ctrl-C."""
-    parser = argparse.ArgumentParser(
-        prog="credit dashboard", description="MLflow's UI on the project's store"
-    )
-    parser.add_argument("--output", type=Path, default=Path("outputs"), help="output folder (%(default)s)")
-    parser.add_argument("--port", type=int, default=PORT, help="port on 127.0.0.1 (%(default)s)")
-    parser.add_argument("--uri", help="tracking URI (default: mlflow.db in the output folder)")
-    arguments = parser.parse_args(argv)
-    if problem := uri_problem(arguments.uri):
-        raise UserError(problem.replace("tracking.uri=", "--uri ", 1))
-    uri = resolve_uri(arguments.uri, arguments.output)
+    if {"-h", "--help"} & set(argv):
+        print(HELP, end="")
+        return 0
+    return dashboard(**read_words(argv, READERS, "dashboard"))
+
+
+def dashboard(output: Path = Path("outputs"), port: int = PORT, uri: str | None = None) -> int:
+    """Serve the UI until Ctrl-C.
+
+    Args:
+        output: the output folder. port: on 127.0.0.1. uri: tracking URI; None is the folder's own store.
+
+    Returns:
+        The exit code, 0.
+
+    Raises:
+        UserError: there is no store, it cannot be read, or the port is taken.
+    """
+    if problem := uri_problem(uri):
+        raise UserError(problem.replace("tracking.uri=", "uri=", 1))
+    uri = resolve_uri(uri, output)
     os.environ.update(quiet_environment() | {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"})
     if uri.startswith("http"):
         print(f"open {uri.rstrip('/')}/{_newest(uri)}")
@@ -45,9 +74,9 @@ def main(argv: list[str]) -> int:
             "credit train -m experiment=advertiser method=delayed,reference,disagreement replicas=5"
         )
     _newest(uri)
-    _require_free(arguments.port)
-    print(f"dashboard: http://{HOST}:{arguments.port}/   (Ctrl-C ends it)", flush=True)
-    _serve(uri, arguments.port)
+    _require_free(port)
+    print(f"dashboard: http://{HOST}:{port}/   (Ctrl-C ends it)", flush=True)
+    _serve(uri, port)
     return 0
 
 
@@ -68,9 +97,7 @@ def _require_free(port: int) -> None:
         try:
             probe.bind((HOST, port))
         except (OSError, OverflowError) as error:
-            raise UserError(
-                f"--port {port} on {HOST} cannot be used ({error}); try --port {PORT + 1}"
-            ) from None
+            raise UserError(f"port={port} on {HOST} cannot be used ({error}); try port={PORT + 1}") from None
 
 
 def _serve(uri: str, port: int) -> None:
@@ -110,3 +137,7 @@ def opening_on(app: App, page: Callable[[], str]) -> App:
             await app(scope, receive, send)
 
     return opening
+
+
+if __name__ == "__main__":
+    sys.exit(guarded("dashboard", sys.argv[1:]))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
-from omegaconf import OmegaConf
+import yaml
 
 from credit import registry, schema
 from credit.errors import UserError, nearest
+from launch.cli import guarded
 from launch.common import Words
 
 
@@ -31,13 +33,12 @@ def main(argv: list[str]) -> int:
     return 0
 
 
-def parameters(path: object) -> list[str]:
+def parameters(path: Path) -> list[str]:
     """One line a parameter: `name = default   what is allowed`."""
-    node = OmegaConf.to_container(OmegaConf.load(str(path)))
-    assert isinstance(node, dict)
+    node = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
     if "_target_" not in node:
         return [f"{key} = {value}" for key, value in node.items() if key != "defaults"]
-    hints = schema.signature(schema.resolve(str(path), {str(k): v for k, v in node.items()}))
+    hints = schema.signature(schema.resolve(str(path), node))
     rows = []
     for name, (hint, default) in hints.items():
         if schema.component_kind(hint) is None:
@@ -47,6 +48,4 @@ def parameters(path: object) -> list[str]:
 
 
 if __name__ == "__main__":
-    from launch.cli import guarded
-
     sys.exit(guarded("list", sys.argv[1:]))

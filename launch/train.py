@@ -16,6 +16,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from credit import registry
 from credit.errors import UserError
+from launch.cli import guarded
 from launch.common import Words, help_text
 
 HEADLINES = ("regret/cumulative", "policy/error", "reward/mse", "eval/success", "return/label")
@@ -115,7 +116,8 @@ def say(console: Console, config: dict[str, Any], result: Any, session: Any) -> 
         line = f"[red]failed[/red]  {name}: {result.error} (traceback: {shown(session.folder / 'error.log')})"
     elif result.computed:
         values = [f"{key} {result.metrics[key].mean():.4g}" for key in HEADLINES if key in result.metrics]
-        line = f"[green]done[/green]    {name}: {len(result.computed)} seeds in {result.seconds:.1f} s{done}. {', '.join(values)}"
+        took = f"{len(result.computed)} seeds in {result.seconds:.1f} s{done}"
+        line = f"[green]done[/green]    {name}: {took}. {', '.join(values)}"
     else:
         line = f"[green]done[/green]    {name}: all {len(result.skipped)} seeds were done before"
     console.print(line, soft_wrap=True)
@@ -131,7 +133,7 @@ def report(outcome: Outcome, session: Any, config: dict[str, Any], multirun: boo
     elsewhere = "" if config["output"] == "outputs" else f" output={shlex.quote(str(config['output']))}"
     print(f"next     credit compare experiment={config['experiment']}{elsewhere}")
     if config["tracking"]["_target_"] != "credit.tracking.NoTracking":
-        print("         credit dashboard" + (f" --output {shlex.quote(str(config['output']))}" if elsewhere else ""))
+        print(f"         credit dashboard{elsewhere}")
 
 
 def shown(path: Path) -> Path:
@@ -146,7 +148,12 @@ def bars(console: Console, jobs: int) -> Iterator[Any]:
     """A progress bar for the job that runs; quiet when the output is no terminal."""
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f}%"))
     with Progress(
-        *columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True, disable=not console.is_terminal
+        *columns,
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
     ) as progress:
         tasks: dict[str, Any] = {}
 
@@ -186,6 +193,4 @@ def interruptible() -> Iterator[None]:
 
 
 if __name__ == "__main__":
-    from launch.cli import guarded
-
     sys.exit(guarded("train", sys.argv[1:]))

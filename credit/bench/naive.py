@@ -1,6 +1,6 @@
-"""Algorithm B.1 as one would first write it: one seed, plain NumPy, every model refitted on every resample, every block.
+"""Algorithm B.1 as one would first write it: one seed, NumPy, every model refitted on every resample, every block.
 
-A second implementation, sharing no line with the fast one: the benchmark measures against it and the tests compare with it.
+A second implementation that shares no line with the fast one: the benchmark and the tests compare with it.
 """
 
 from __future__ import annotations
@@ -44,7 +44,12 @@ def solve(features: Features, design: np.ndarray, labels: np.ndarray, ridge: flo
 
 
 def proxies(
-    states: np.ndarray, actions: np.ndarray, labels: np.ndarray, draws: int, rng: np.random.Generator, cache: bool = False
+    states: np.ndarray,
+    actions: np.ndarray,
+    labels: np.ndarray,
+    draws: int,
+    rng: np.random.Generator,
+    cache: bool = False,
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Fits, MSE proxies (10), (11) and disagreements (9) of all models, by B resamples of the windows.
 
@@ -99,7 +104,9 @@ class NaiveDisagreement:
     cache: bool = False
     policy: np.ndarray = field(default_factory=lambda: np.zeros(10, dtype=int))
 
-    def decide(self, states: np.ndarray, actions: np.ndarray, next_states: np.ndarray, labels: np.ndarray) -> np.ndarray:
+    def decide(
+        self, states: np.ndarray, actions: np.ndarray, next_states: np.ndarray, labels: np.ndarray
+    ) -> np.ndarray:
         """One block of algorithm B.1 for windows [K, T] and labels [K]."""
         fitted, mse, gaps = proxies(states, actions, labels, self.draws, self.rng, self.cache)
         weight = weights(mse)

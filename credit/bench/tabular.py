@@ -118,7 +118,12 @@ def agreement(arrays: list[np.ndarray], seeds: int = 12, blocks: int = 150) -> l
     low, high = stats.t.interval(0.95, seeds - 1, loc=difference.mean(), scale=stats.sem(difference))
     return [
         Row("largest difference of point fits on the same 2,000 windows", f"{gap:.1e}", "≤ 1e-8", gap <= 1e-8),
-        Row("bootstrap variance over the naive one (20 and 400 draws)", f"{ratio:.2f}", "1 ± .3", abs(ratio - 1) < 0.3),
+        Row(
+            "bootstrap variance over the naive one (20 and 400 draws)",
+            f"{ratio:.2f}",
+            "1 ± .3",
+            abs(ratio - 1) < 0.3,
+        ),
         Row(
             f"regret less the naive one, {blocks} blocks, {seeds} seeds [95%]",
             f"{difference.mean():+.1f} [{low:+.1f}, {high:+.1f}]",
@@ -134,11 +139,15 @@ def naive_regret(seed: int, blocks: int) -> float:
     trainer.start((seed,))
     learner = naive.NaiveDisagreement(np.random.default_rng(seed))
     for _ in range(blocks):
-        policy = torch.from_numpy(learner.policy)
-        windows, primitive = trainer.env.collect(lambda s, t, p=policy: p[s], trainer.feedback, 1, 7)
+        windows, primitive = trainer.env.collect(partial(follow, learner), trainer.feedback, 1, 7)
         trainer.oracle.update(primitive, windows.labels)
         trainer.dataset.append(windows)
         everything = trainer.dataset.windows
         parts = (everything.states, everything.actions, everything.next_states, everything.labels)
         learner.decide(*(part[0].numpy() for part in parts))
     return float(trainer.oracle.metrics({}, None)["regret/cumulative"][0])
+
+
+def follow(learner: naive.NaiveDisagreement, states: torch.Tensor, step: int) -> torch.Tensor:
+    """The naive learner's actions."""
+    return torch.from_numpy(learner.policy)[states]

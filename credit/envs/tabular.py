@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import gymnasium
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -17,7 +16,7 @@ from credit.errors import UserError
 from credit.interfaces import Act, Environment, Feedback
 from credit.metrics import AverageRewardOracle
 from credit.streams import Stream
-from credit.types import FLOAT, Problem, Windows
+from credit.types import Problem, Windows
 
 
 @dataclass(frozen=True)
@@ -138,7 +137,7 @@ class TabularGymEnv(gymnasium.Env[int, int]):
         >>> state, info = env.reset(seed=0)
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["ansi"], "render_fps": 4}
+    metadata: dict[str, Any] = {"render_modes": ["ansi"], "render_fps": 4}  # noqa: RUF012 - Gymnasium's own field
 
     def __init__(self, mdp: TabularMDP, render_mode: str | None = None) -> None:
         self.mdp = mdp
@@ -161,13 +160,8 @@ class TabularGymEnv(gymnasium.Env[int, int]):
         self._state = int(self.np_random.choice(len(self.mdp.initial), p=self._transition[self._state, action]))
         return self._state, reward, False, False, {}
 
-    def render(self) -> str | None:  # type: ignore[override]
+    def render(self) -> str | None:
         """The state as one line of text."""
         if self.render_mode != "ansi":
             return None
         return "".join("●" if s == self._state else "·" for s in range(len(self.mdp.initial)))
-
-
-def rows_as_tensor(rows: np.ndarray) -> Tensor:
-    """A float64 tensor of a NumPy array."""
-    return torch.as_tensor(rows, dtype=FLOAT)

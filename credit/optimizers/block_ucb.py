@@ -13,8 +13,10 @@ from credit.dataset import Dataset
 from credit.errors import UserError
 from credit.interfaces import CreditAssigner, Optimizer
 from credit.streams import generators
-from credit.types import FLOAT, NonNegative, Positive, PositiveInt, Problem
+from credit.tensors import grown, matvec
+from credit.types import NonNegative, Positive, PositiveInt, Problem
 
+SLOTS = 256  # room at first
 LARGEST = 100_000  # macro-actions A^T: beyond it the orders in which they are tried would fill the memory
 
 
@@ -64,7 +66,10 @@ class BlockUCB(Optimizer):
         self._tried = torch.zeros_like(self._value, dtype=torch.int64)
         self._rows = torch.arange(problem.replicas, device=problem.device)
         self._used = torch.zeros_like(self._rows)
-        self._grow(256)
+        # A slot for every tried (s, u): its key (0: empty), state, and sums: count, block reward, next states.
+        self._key = torch.zeros(problem.replicas, SLOTS, dtype=torch.int64, device=problem.device)
+        self._state = torch.zeros_like(self._key)
+        self._sums = problem.zeros(SLOTS, 2 + problem.states)
         self._macro = torch.zeros_like(self._rows)
 
     def act(self, states: Tensor, step: int) -> Tensor:
@@ -99,22 +104,11 @@ class BlockUCB(Optimizer):
         orders = np.stack([g.permuted(rows, axis=1) for g in generators(problem.seeds, "macro-actions")])
         return torch.from_numpy(orders).to(problem.device)
 
-    def _grow(self, capacity: int) -> None:
-        """Room for more tried (s, u): a slot holds its key, state, count, reward sum and next-state counts."""
-        replicas, states, device = self._problem.replicas, self._problem.states, self._problem.device
-        key = torch.full((replicas, capacity), -1, device=device)
-        state = torch.zeros(replicas, capacity, dtype=torch.int64, device=device)
-        sums = torch.zeros(replicas, capacity, 2 + states, dtype=FLOAT, device=device)  # count, reward, next states
-        if hasattr(self, "_key"):
-            old = self._key.shape[1]
-            key[:, :old], state[:, :old], sums[:, :old] = self._key, self._state, self._sums
-        self._key, self._state, self._sums = key, state, sums
-
     def _count(self, start: Tensor, actions: Tensor, end: Tensor, reward: Tensor) -> None:
         places = self._problem.actions ** torch.arange(actions.shape[1] - 1, -1, -1, device=actions.device)
-        key = start * self._macros + (actions * places).sum(-1)
-        if int(self._used.max()) == self._key.shape[1]:
-            self._grow(2 * self._key.shape[1])
+        key = 1 + start * self._macros + (actions * places).sum(-1)
+        if (full := self._key.shape[1]) == int(self._used.max()):
+            self._key, self._state, self._sums = (grown(x, full + 1) for x in (self._key, self._state, self._sums))
         matches = self._key == key.unsqueeze(1)
         known = matches.any(1)
         slot = torch.where(known, matches.to(torch.uint8).argmax(1), self._used)
@@ -131,7 +125,7 @@ class BlockUCB(Optimizer):
         used = int(self._used.max())
         sums = self._sums[:, :used]
         count = sums[..., 0]
-        ahead = torch.matmul(sums[..., 2:], self._value.unsqueeze(-1)).squeeze(-1)
+        ahead = matvec(sums[..., 2:], self._value)
         values = (sums[..., 1] + self.discount * ahead) / count + self.scale * (self.lambda_visits + count).rsqrt()
         return values.masked_fill(count == 0, -torch.inf)
 
@@ -146,4 +140,4 @@ class BlockUCB(Optimizer):
         values = self._values()
         here = values.masked_fill(self._state[:, : values.shape[1]] != states.unsqueeze(1), -torch.inf)
         best, slot = here.max(1)
-        return torch.where(best > untried, self._key[self._rows, slot] % self._macros, fresh)
+        return torch.where(best > untried, (self._key[self._rows, slot] - 1) % self._macros, fresh)

@@ -69,9 +69,7 @@ def compare(
         UserError: there is nothing finished to compare, or runs that cannot be averaged.
     """
     runs = load_runs(output, experiment, methods=methods, slugs=slugs, seed=seed, replicas=replicas)
-    comparison = summarise(
-        runs, reference=reference, trapped_above=trapped_above, paper=load_paper(experiment)
-    )
+    comparison = summarise(runs, reference=reference, trapped_above=trapped_above, paper=load_paper(experiment))
     figures = _figures(runs, comparison, diagnostics_seed)
     texts = {
         "table.md": tables.markdown(comparison),
@@ -131,9 +129,7 @@ def _log(output: Path, experiment: str, folder: Path, comparison: Comparison) ->
 
 def _newest_tracking(output: Path, experiment: str) -> dict[str, Any] | None:
     """How the newest session of the experiment was tracked, or None."""
-    sessions = [
-        json.loads(path.read_text(encoding="utf-8")) for path in output.glob("sessions/*/session.json")
-    ]
+    sessions = [json.loads(path.read_text(encoding="utf-8")) for path in output.glob("sessions/*/session.json")]
     own = [session for session in sessions if session["experiment"] == experiment]
     newest = max(own, key=lambda session: float(session["started"]), default=None)
     tracking = newest["tracking"] if newest else None

@@ -197,9 +197,7 @@ def _mean_columns(
         f"{measure.metric}/n": len(scores),
     }
     if measure.metric in reported:
-        columns[f"{measure.metric}/paper_mean"], columns[f"{measure.metric}/paper_se"] = reported[
-            measure.metric
-        ]
+        columns[f"{measure.metric}/paper_mean"], columns[f"{measure.metric}/paper_se"] = reported[measure.metric]
     return columns
 
 

@@ -58,9 +58,7 @@ def curves_figure(runs: Runs, measure: Measure) -> Figure | None:
         edge = 1.04 * max(inner)
         panels[0].axhspan(bottom, edge, color="#e6e6e6", linewidth=0, zorder=0)
         outside = [line for line in lines if line.mean[-1] > edge]
-        style.label_ends(
-            panels[0], [*map(_label, outside), ((bottom + edge) / 2, "enlarged at right", "#555555")]
-        )
+        style.label_ends(panels[0], [*map(_label, outside), ((bottom + edge) / 2, "enlarged at right", "#555555")])
         panels[0].set_title("All methods")
         _draw(panels[1], lines, measure, (bottom, edge))
         style.label_ends(panels[1], [_label(line) for line in lines if line not in outside])
@@ -92,16 +90,12 @@ def distribution_figure(runs: Runs, comparison: Comparison) -> Figure:
         middle = middles[method, slug]
         if not np.isnan(middle.low):
             axes.plot([middle.low, middle.high], [place, place], color="black", linewidth=1.6, zorder=4)
-        axes.plot(
-            middle.value, place, "o", markersize=5.5, color=palette[method], markeredgecolor="black", zorder=5
-        )
+        axes.plot(middle.value, place, "o", markersize=5.5, color=palette[method], markeredgecolor="black", zorder=5)
     every = runs.frame[measure.metric].dropna()
     remark = _spread_out(axes, every.to_numpy(dtype=float))
     axes.xaxis.set_major_formatter(FuncFormatter(style.thousands))
     if comparison.counts_trapped and every.max() > comparison.trapped_above:
-        axes.axvline(
-            comparison.trapped_above, color="#555555", linewidth=0.9, linestyle=(0, (4, 3)), zorder=1
-        )
+        axes.axvline(comparison.trapped_above, color="#555555", linewidth=0.9, linestyle=(0, (4, 3)), zorder=1)
         axes.annotate(
             f"trapped above {comparison.trapped_above:g}",
             xy=(comparison.trapped_above, 1.0),
@@ -116,9 +110,7 @@ def distribution_figure(runs: Runs, comparison: Comparison) -> Figure:
     axes.set_ylim(len(groups) - 0.5, -0.6)
     axes.spines["left"].set_visible(False)
     axes.grid(axis="x")
-    axes.set_xlabel(
-        f"{measure.title} (points: seeds; circle and bar: interquartile mean, 95% interval{remark})"
-    )
+    axes.set_xlabel(f"{measure.title} (points: seeds; circle and bar: interquartile mean, 95% interval{remark})")
     return figure
 
 

@@ -138,8 +138,7 @@ def _means(comparison: Comparison) -> Grid:
         cells: list[Cell] = [(row["name"], ""), (span, f"(n = {row['n']})")]
         for measure, scale in scales.items():
             mean, error, paper, paper_error = (
-                row.get(f"{measure.metric}/{part}", float("nan"))
-                for part in ("mean", "se", "paper_mean", "paper_se")
+                row.get(f"{measure.metric}/{part}", float("nan")) for part in ("mean", "se", "paper_mean", "paper_se")
             )
             below = "" if pd.isna(paper) else f"[{scale.with_error(paper, paper_error)}]"
             cells.append((scale.with_error(mean, error), below))

@@ -32,9 +32,7 @@ def sentences(comparison: Comparison) -> list[str]:
         for measure in comparison.measures:
             known = row[f"{measure.metric}/n"]
             if 0 < known < row["n"]:
-                lines.append(
-                    f"{measure.title} of {row['name']} is known for {known} of {row['n']} seeds only."
-                )
+                lines.append(f"{measure.title} of {row['name']} is known for {known} of {row['n']} seeds only.")
     if comparison.unfinished:
         plural = "run was" if comparison.unfinished == 1 else "runs were"
         lines.append(f"{comparison.unfinished} unfinished {plural} left out.")
@@ -65,7 +63,5 @@ def _differences(comparison: Comparison) -> list[str]:
     }
     lines = [f"{openings[verdict]}: {'; '.join(names)}." for verdict, names in found.items() if names]
     if any(found[verdict] for verdict in ("lower", "higher", "open")):
-        lines.append(
-            "Each interval holds at 95% on its own; none is corrected for the number of comparisons."
-        )
+        lines.append("Each interval holds at 95% on its own; none is corrected for the number of comparisons.")
     return lines

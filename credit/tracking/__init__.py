@@ -35,9 +35,7 @@ class Tracking(Component):
         """Begin to follow a session whose `session.json` exists; returns at once and never fails."""
 
     @abstractmethod
-    def finish(
-        self, timeout: float | None = None, on_progress: Callable[[int, int], None] | None = None
-    ) -> str | None:
+    def finish(self, timeout: float | None = None, on_progress: Callable[[int, int], None] | None = None) -> str | None:
         """Wait, after `session.json` says that the session ended, until everything is uploaded.
 
         Args:
@@ -59,9 +57,7 @@ class NoTracking(Tracking):
     def start(self, session_dir: Path, output: Path) -> None:
         """Nothing to begin."""
 
-    def finish(
-        self, timeout: float | None = None, on_progress: Callable[[int, int], None] | None = None
-    ) -> str | None:
+    def finish(self, timeout: float | None = None, on_progress: Callable[[int, int], None] | None = None) -> str | None:
         """Nothing to wait for."""
         return None
 
@@ -109,9 +105,7 @@ class MLflowTracking(Tracking):
         except OSError as error:
             self._problem = str(error)
 
-    def finish(
-        self, timeout: float | None = None, on_progress: Callable[[int, int], None] | None = None
-    ) -> str | None:
+    def finish(self, timeout: float | None = None, on_progress: Callable[[int, int], None] | None = None) -> str | None:
         """Wait for the uploader, stop it after `timeout` seconds; the line says how to upload the rest."""
         end = None if timeout is None else time.monotonic() + timeout
         process, late = self._process, ""

@@ -42,9 +42,7 @@ try {
 def landing_page(client: MlflowClient) -> str:
     """The HTML that opens the newest experiment's curves: a line a method, the seeds one click below."""
     experiments = [experiment.experiment_id for experiment in client.search_experiments()]
-    jobs = client.search_runs(
-        experiments, "tags.level = 'job'", max_results=PAGE, order_by=["start_time DESC"]
-    )
+    jobs = client.search_runs(experiments, "tags.level = 'job'", max_results=PAGE, order_by=["start_time DESC"])
     if not jobs:
         return _page(f"/?{PASS}#/experiments")
     newest = jobs[0]
@@ -82,9 +80,7 @@ def _parent(run: Run) -> str | None:
 
 
 def _page(address: str, experiment: str | None = None, view: dict[str, Any] | None = None) -> str:
-    store = (
-        f'MLflowLocalStorage-1.1-ExperimentPage-["{experiment}"]-ReactComponentState' if experiment else None
-    )
+    store = f'MLflowLocalStorage-1.1-ExperimentPage-["{experiment}"]-ReactComponentState' if experiment else None
     content = {"settings": _SETTINGS, "store": store, "view": view, "address": address}
     return _HTML % json.dumps(content).replace("<", "\\u003c")
 

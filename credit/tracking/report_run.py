@@ -13,9 +13,7 @@ from credit.tracking.store import open_experiment, quiet_environment, resolve_ur
 MAX_METRICS = 1000
 
 
-def log_report(
-    output: Path, uri: str | None, experiment: str, folder: Path, metrics: Mapping[str, float]
-) -> str:
+def log_report(output: Path, uri: str | None, experiment: str, folder: Path, metrics: Mapping[str, float]) -> str:
     """Log a folder of tables and figures as one MLflow run named `compare`.
 
     Args:

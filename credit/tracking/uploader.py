@@ -117,9 +117,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--session", type=Path, required=True, help="the session's folder")
     parser.add_argument("--output", type=Path, required=True, help="the output folder")
     parser.add_argument("--uri", help="MLflow tracking URI (default: the session's)")
-    parser.add_argument(
-        "--seeds", choices=get_args(Seeds), help="seeds with a run of their own (default: as before)"
-    )
+    parser.add_argument("--seeds", choices=get_args(Seeds), help="seeds with a run of their own (default: as before)")
     parser.add_argument("--parent", type=int, help="process whose end is the session's end")
     arguments = parser.parse_args(argv)
     os.environ.update(quiet_environment())

@@ -20,13 +20,13 @@ class Ended:
     err: str
 
 
-@pytest.fixture()
+@pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-@pytest.fixture()
+@pytest.fixture
 def credit(folder: Path) -> Callable[..., Ended]:
     def run(*words: str) -> Ended:
         out, err = io.StringIO(), io.StringIO()

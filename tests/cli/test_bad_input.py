@@ -8,28 +8,46 @@ TRAIN = "train"
 CASES = {
     "unknown option": ((TRAIN, "method=disagrement"), ["method=disagrement", "'disagreement'", "valid:"]),
     "unknown option in a list": ((TRAIN, "bonus=[cout]"), ["bonus=cout", "'count'", "local_mse"]),
-    "unknown option of a packaged group": ((TRAIN, "reward@reference=rigde"), ["rigde", "'ridge'", "threshold"]),
+    "unknown option of a packaged group": (
+        (TRAIN, "reward@reference=rigde"),
+        ["rigde", "'ridge'", "threshold"],
+    ),
     "unknown group": ((TRAIN, "mixr.alpha=1"), ["mixr", "'mixer'", "mixr.alpha=1"]),
     "unknown key": ((TRAIN, "mixer.alfa=1"), ["mixer.alfa=1", "'alpha'", "epsilon"]),
     "unknown key, added": ((TRAIN, "+mixer.alfa=1"), ["mixer.alfa", "value 1", "'alpha'"]),
     "unknown key at the top": ((TRAIN, "+sed=1"), ["sed", "'seed'"]),
-    "key that this method lacks": ((TRAIN, "method=reference", "mixer.alpha=.3"), ["mixer.alpha=.3", "ReferenceOnly"]),
+    "key that this method lacks": (
+        (TRAIN, "method=reference", "mixer.alpha=.3"),
+        ["mixer.alpha=.3", "ReferenceOnly"],
+    ),
     "wrong type": ((TRAIN, "mixer.alpha=abc"), ["mixer.alpha='abc'", "number", "float > 0"]),
     "wrong type in a list": ((TRAIN, "env.interaction=[0,x]"), ["env.interaction", "'x'", "list of float"]),
     "float for an integer": ((TRAIN, "seed=1.5"), ["seed=1.5", "integer"]),
-    "not a choice": ((TRAIN, "uncertainty.resample=often"), ["uncertainty.resample='often'", "poisson, exact"]),
+    "not a choice": (
+        (TRAIN, "uncertainty.resample=often"),
+        ["uncertainty.resample='often'", "poisson, exact"],
+    ),
     "window 0": ((TRAIN, "feedback.window=0"), ["feedback.window=0", "≥ 1"]),
     "replicas 0": ((TRAIN, "replicas=0"), ["replicas=0", "≥ 1"]),
     "draws 0": ((TRAIN, "uncertainty.draws=0"), ["uncertainty.draws=0", "≥ 1"]),
     "negative λ": ((TRAIN, "reference.regularization=-1"), ["reference.regularization=-1", "> 0"]),
     "infinite": ((TRAIN, "bonus.count.scale=inf"), ["bonus.count.scale=inf", "finite"]),
     "probability above 1": ((TRAIN, "env.p_down=1.5"), ["env.p_down=1.5", "≤ 1"]),
-    "probabilities that do not fit": ((TRAIN, "env.p_mid_up=.9"), ["env.p_mid_down + env.p_mid_up = 1.2", "at most 1"]),
+    "probabilities that do not fit": (
+        (TRAIN, "env.p_mid_up=.9"),
+        ["env.p_mid_down + env.p_mid_up = 1.2", "at most 1"],
+    ),
     "missing value": ((TRAIN, "mixer.alpha=???"), ["mixer.alpha", "missing", "float > 0"]),
     "missing part": ((TRAIN, "~mixer"), ["mixer", "assigner needs one"]),
     "parts that do not fit": ((TRAIN, "assigner=delayed"), ["ValueIteration", "RewardFunction", "Delayed"]),
-    "bonus without its model": ((TRAIN, "method=oracle", "bonus=[elliptical]"), ["Elliptical", "LinearModel", "reference"]),
-    "too many macro-actions": ((TRAIN, "method=block", "feedback.window=20"), ["feedback.window=20", "100000"]),
+    "bonus without its model": (
+        (TRAIN, "method=oracle", "bonus=[elliptical]"),
+        ["Elliptical", "LinearModel", "reference"],
+    ),
+    "too many macro-actions": (
+        (TRAIN, "method=block", "feedback.window=20"),
+        ["feedback.window=20", "100000"],
+    ),
     "shorter than a window": ((TRAIN, "trainer.steps=3"), ["trainer.steps=3", "feedback.window=7"]),
     "output is a file": ((TRAIN, "output=/dev/null/x"), ["output='/dev/null/x'", "/dev/null"]),
     "output cannot be made": ((TRAIN, "output=/proc/x"), ["output='/proc/x'", "not writable"]),
@@ -78,10 +96,16 @@ def test_a_continuous_model_on_a_tabular_environment(credit, folder, monkeypatch
 
 YAML_CASES = {
     "unknown key": ("_target_: credit.mixers.RelativeMSE\nalfa: 0.5\n", ["mixer.alfa", "0.5", "'alpha'"]),
-    "wrong type": ("_target_: credit.mixers.RelativeMSE\nalpha: often\n", ["mixer.alpha='often'", "float > 0"]),
+    "wrong type": (
+        "_target_: credit.mixers.RelativeMSE\nalpha: often\n",
+        ["mixer.alpha='often'", "float > 0"],
+    ),
     "wrong kind": ("_target_: credit.bonuses.Count\n", ["mixer", "Count is not a Mixer"]),
     "foreign class": ("_target_: os.system\n", ["os.system", "only classes of", "credit"]),
-    "no such class": ("_target_: credit.mixers.RelativMSE\n", ["credit.mixers.RelativMSE", "cannot be imported"]),
+    "no such class": (
+        "_target_: credit.mixers.RelativMSE\n",
+        ["credit.mixers.RelativMSE", "cannot be imported"],
+    ),
     "not a component": ("_target_: credit.mixers.median\n", ["credit.mixers.median", "not a component"]),
 }
 

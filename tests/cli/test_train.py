@@ -111,7 +111,13 @@ def test_check_and_list_and_help_build_nothing(credit, folder):
     listing = credit("list").out
     for name in ("disagreement", "elliptical", "threshold", "alpha = 0.5   (float > 0)"):
         assert name in listing
-    for words in ((), ("train", "--help"), ("compare", "--help"), ("dashboard", "--help"), ("bench", "--help")):
+    for words in (
+        (),
+        ("train", "--help"),
+        ("compare", "--help"),
+        ("dashboard", "--help"),
+        ("bench", "--help"),
+    ):
         ended = credit(*words) if words else credit("--help")
         assert ended.code == 0
         assert "credit" in ended.out

@@ -48,9 +48,7 @@ def session(output: Path, started: float, tracking: object) -> None:
 
 def test_compare_writes_tables_and_figures(output: Path):
     report = compare(output, "advertiser", log=False)
-    figures = [
-        f"{name}.{ending}" for name in ("curves", "distribution", "diagnostics") for ending in ("png", "svg")
-    ]
+    figures = [f"{name}.{ending}" for name in ("curves", "distribution", "diagnostics") for ending in ("png", "svg")]
     assert report.folder == output / "reports" / "advertiser"
     assert [path.name for path in report.files] == [
         "table.md",
@@ -89,9 +87,7 @@ def test_heat_maps_of_one_seed_and_of_the_mean(output: Path):
     titles = [re.sub(r" \(.*", "", axes.get_title("left") or axes.get_title()) for axes in mean.axes]
     rewards = ["True reward", "Ridge reward", "Linear reward", "Mixed reward"]
     assert [title for title in titles if title] == [*rewards, "Weight of ridge"]
-    with pytest.raises(
-        UserError, match=r"diagnostics_seed=9 is not among the finished seeds of Disagreement"
-    ):
+    with pytest.raises(UserError, match=r"diagnostics_seed=9 is not among the finished seeds of Disagreement"):
         heatmaps_figure(runs, seed=9)
     assert heatmaps_figure(load_runs(output, "advertiser", methods=["block"])) is None
 
@@ -137,9 +133,7 @@ def test_command_prints_tables_sentences_and_files(output: Path, capsys: pytest.
 
 
 def test_command_line_problems_are_reported_together():
-    with pytest.raises(
-        UserError, match=r"(?s)did you mean 'method'.*replicas=0: expected a whole number, 1"
-    ) as caught:
+    with pytest.raises(UserError, match=r"(?s)did you mean 'method'.*replicas=0: expected a whole number, 1") as caught:
         main(["metod=block", "replicas=0", "tracking=maybe", "seed"])
     assert "tracking=maybe: expected mlflow or none" in str(caught.value)
     assert "'seed' is not of the form KEY=VALUE" in str(caught.value)

@@ -35,9 +35,7 @@ def test_filters(write_run: WriteRun, tmp_path: Path):
     write_run("block", 2, REGRET, slug="ties-random")
     output = tmp_path / "outputs"
     chosen = load_runs(output, "advertiser", methods=["block"], slugs=["default"], seed=1, replicas=3).frame
-    assert chosen[["method", "slug", "seed"]].to_numpy().tolist() == [
-        ["block", "default", seed] for seed in (1, 2, 3)
-    ]
+    assert chosen[["method", "slug", "seed"]].to_numpy().tolist() == [["block", "default", seed] for seed in (1, 2, 3)]
     assert load_runs(output, "advertiser", seed=3).frame["seed"].unique().tolist() == [3, 4]
     assert load_runs(output, "advertiser", replicas=2).frame["seed"].unique().tolist() == [0, 1]
 
@@ -52,9 +50,7 @@ def test_different_configurations_are_not_averaged(write_run: WriteRun, tmp_path
 
 
 def test_nothing_at_all_says_what_to_run(tmp_path: Path):
-    with pytest.raises(
-        UserError, match=r"Found no runs at all.*credit train -m experiment=advertiser method="
-    ):
+    with pytest.raises(UserError, match=r"Found no runs at all.*credit train -m experiment=advertiser method="):
         load_runs(tmp_path / "outputs", "advertiser")
 
 

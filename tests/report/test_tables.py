@@ -123,9 +123,7 @@ def test_without_the_reference_there_are_no_differences(write_run: WriteRun, tmp
     comparison = summarise(load_runs(tmp_path / "outputs", "advertiser"))
     assert "difference" not in comparison.table
     assert "Difference" not in markdown(comparison)
-    assert sentences(comparison) == [
-        "No run of the reference method is among these: no differences are shown."
-    ]
+    assert sentences(comparison) == ["No run of the reference method is among these: no differences are shown."]
 
 
 def test_other_experiments_are_compared_by_what_they_measure(write_run: WriteRun, tmp_path: Path):

@@ -49,9 +49,7 @@ def test_the_newest_sweep_opens_on_its_methods(session: FakeSession, uri: str) -
     assert folded == ["interval", "report"]
 
 
-def test_many_seeds_do_not_hide_a_method(
-    session: FakeSession, uri: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_many_seeds_do_not_hide_a_method(session: FakeSession, uri: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(landing, "PAGE", 3)
     mirrored(session, uri)
     assert "searchFilter=tags.level%3D%22job%22%20and" in opened(uri)["address"]
@@ -64,20 +62,20 @@ def test_an_empty_store_opens_on_its_experiments(uri: str) -> None:
 
 def test_without_a_store_it_says_what_to_run(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="credit train"):
-        dashboard.main(["--output", str(tmp_path)])
+        dashboard.main([f"output={tmp_path}"])
     assert not list(tmp_path.iterdir())
 
 
 def test_a_port_that_is_taken(tmp_path: Path, uri: str) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        with pytest.raises(UserError, match=f"--port {port}"):
-            dashboard.main(["--output", str(tmp_path), "--uri", uri, "--port", str(port)])
+        with pytest.raises(UserError, match=f"port={port}"):
+            dashboard.main([f"output={tmp_path}", f"uri={uri}", f"port={port}"])
 
 
 def test_an_address_that_is_none(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="--uri 'nonsense'"):
-        dashboard.main(["--output", str(tmp_path), "--uri", "nonsense"])
+    with pytest.raises(UserError, match="uri='nonsense'"):
+        dashboard.main([f"output={tmp_path}", "uri=nonsense"])
 
 
 @pytest.mark.parametrize(

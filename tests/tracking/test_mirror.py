@@ -148,9 +148,7 @@ def test_a_mirror_continues_where_another_was_killed(session: FakeSession, store
         (14, 2.0, 1.0),
         (21, 3.0, 2.0),
     ]
-    assert [
-        value for _, value, _ in store.curve(store.runs("job")["delayed/delayed"], "regret/cumulative")
-    ] == [
+    assert [value for _, value, _ in store.curve(store.runs("job")["delayed/delayed"], "regret/cumulative")] == [
         3.0,
         5.0,
         6.0,

@@ -96,16 +96,12 @@ def test_a_stopped_uploader_says_how_to_go_on(session: FakeSession, uri: str) ->
     assert f"python -m credit.tracking.uploader --session {session.folder}" in line
 
 
-@pytest.mark.parametrize(
-    "uri", [None, "sqlite:///a.db", "postgresql+psycopg://u:p@h/db", "http://127.0.0.1:5000"]
-)
+@pytest.mark.parametrize("uri", [None, "sqlite:///a.db", "postgresql+psycopg://u:p@h/db", "http://127.0.0.1:5000"])
 def test_addresses_that_are_allowed(uri: str | None, tmp_path: Path) -> None:
     assert MLflowTracking(uri).check(tmp_path) == []
 
 
-@pytest.mark.parametrize(
-    "uri", ["", "nonsense", "file:///tmp/mlruns", "sqlite:///", "ftp://host", "./mlruns"]
-)
+@pytest.mark.parametrize("uri", ["", "nonsense", "file:///tmp/mlruns", "sqlite:///", "ftp://host", "./mlruns"])
 def test_addresses_that_are_not(uri: str, tmp_path: Path) -> None:
     (problem,) = MLflowTracking(uri).check(tmp_path)
     assert problem.startswith(f"tracking.uri={uri!r}")
@@ -131,9 +127,7 @@ def test_a_report_is_a_run_of_its_own(tmp_path: Path, uri: str) -> None:
     folder = tmp_path / "report"
     folder.mkdir()
     (folder / "table.md").write_text("| a |")
-    identity = log_report(
-        tmp_path, uri, "advertiser", folder, {"reference/iqm (95%)": 1.0, "nothing": float("nan")}
-    )
+    identity = log_report(tmp_path, uri, "advertiser", folder, {"reference/iqm (95%)": 1.0, "nothing": float("nan")})
     client = MlflowClient(uri)
     run = client.get_run(identity)
     assert (run.info.run_name, run.info.status, run.data.tags["level"]) == ("compare", "FINISHED", "report")
