@@ -101,7 +101,7 @@ class Elliptical(Bonus):
 
     needs: ClassVar = {"reference": LinearModel}
 
-    def __init__(self, scale: NonNegative = 1.0, noise: Positive = 0.2) -> None:
+    def __init__(self, scale: NonNegative = 2.0, noise: Positive = 0.2) -> None:
         self.scale = scale
         self.noise = noise
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 import subprocess
 import sys
 import time
 from collections.abc import Callable
+
+import torch
 
 
 def cpu_seconds(work: Callable[[], object], repeat: int = 1) -> float:
@@ -23,3 +26,10 @@ def peak_megabytes(code: str) -> float:
     report = "\nimport resource; print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
     done = subprocess.run([sys.executable, "-c", code + report], capture_output=True, text=True, check=True)
     return int(done.stdout.split()[-1]) / 1024
+
+
+def tensor_megabytes() -> float:
+    """Memory of all live tensors of this process, each storage once, MiB."""
+    gc.collect()
+    storages = [x.untyped_storage() for x in gc.get_objects() if type(x) is torch.Tensor]
+    return sum({storage.data_ptr(): storage.nbytes() for storage in storages}.values()) / 2**20

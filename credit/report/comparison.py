@@ -167,7 +167,7 @@ def summarise(
             "seed_last": int(group["seed"].max()),
             "n": len(group),
         }
-        reported = paper.methods.get(method, {}) if paper else {}
+        reported = paper.methods.get(method, {}) if paper and slug == "default" else {}
         for measure in measures:
             row |= _mean_columns(group, measure, reported)
         row |= _primary_columns(group, measures[0], trapped_above)
