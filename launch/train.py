@@ -155,13 +155,17 @@ def bars(console: Console, jobs: int) -> Iterator[Any]:
         transient=True,
         disable=not console.is_terminal,
     ) as progress:
-        tasks: dict[str, Any] = {}
+        task, job, before = None, 0, 0
 
         def advance(title: str, steps: int, total: int) -> None:
-            if title not in tasks:
-                label = f"{title} ({len(tasks) + 1} of {jobs})" if jobs > 1 else title
-                tasks[title] = progress.add_task(label, total=total)
-            progress.update(tasks[title], completed=steps)
+            nonlocal task, job, before
+            if task is None or steps < before:  # a job has begun
+                if task is not None:
+                    progress.remove_task(task)
+                job += 1
+                task = progress.add_task(f"{title} ({job} of {jobs})" if jobs > 1 else title, total=total)
+            progress.update(task, completed=steps)
+            before = steps
 
         yield advance
 

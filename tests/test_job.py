@@ -58,7 +58,10 @@ def test_a_problem_is_named(override: str, said: list[str]) -> None:
     [
         (["method=block", "feedback.window=12"], r"feedback\.window=12.*3\^12"),
         (["method=oracle", "uncertainty=analytic"], r"Analytic needs a LinearModel in reference.*PrimitiveReward"),
-        (["method=reference", "reward@reference=primitive", "bonus=[thompson]"], r"bonus\.thompson.*LinearModel.*PrimitiveReward"),
+        (
+            ["method=reference", "reward@reference=primitive", "bonus=[thompson]"],
+            r"bonus\.thompson.*LinearModel.*PrimitiveReward",
+        ),
     ],
 )
 def test_parts_that_do_not_fit(overrides: list[str], said: str) -> None:

@@ -63,7 +63,9 @@ def test_the_bellman_equation_holds(seed: int) -> None:
 def test_discounted_values_equal_numpy_value_iteration(seed: int, discount: float, leaky: bool) -> None:
     transition, reward = random_mdp(seed)
     if leaky:  # rows may sum to less than one, or to nothing: the process then ends
-        transition = transition * torch.rand(6, 3, 1, dtype=torch.float64, generator=torch.Generator().manual_seed(seed))
+        transition = transition * torch.rand(
+            6, 3, 1, dtype=torch.float64, generator=torch.Generator().manual_seed(seed)
+        )
         transition[0, 2] = 0
     plan = policy_iteration(transition, reward, discount)
     p, r, value = transition[0].numpy(), reward[0].numpy(), np.zeros(6)
@@ -135,7 +137,9 @@ def test_the_result_does_not_depend_on_the_batch(discount: float) -> None:
 def test_a_warm_start_changes_nothing_but_the_time() -> None:
     transition, reward = random_mdp(5, replicas=10)
     cold = policy_iteration(transition, reward)
-    warm = policy_iteration(transition, reward, policy=torch.randint(3, (10, 6), generator=torch.Generator().manual_seed(1)))
+    warm = policy_iteration(
+        transition, reward, policy=torch.randint(3, (10, 6), generator=torch.Generator().manual_seed(1))
+    )
     assert torch.equal(cold.policy, warm.policy)
     torch.testing.assert_close(cold.gain, warm.gain)
 
@@ -186,7 +190,9 @@ def test_the_diameter_is_infinite_where_a_state_cannot_be_reached() -> None:
     assert diameter(transition) == float("inf")
 
 
-@pytest.mark.xfail(strict=True, reason="I − P of a closed class is singular up to rounding only; its solution may be negative")
+@pytest.mark.xfail(
+    strict=True, reason="I − P of a closed class is singular up to rounding only; its solution may be negative"
+)
 def test_the_diameter_is_infinite_whatever_the_rounding() -> None:
     for seed in range(12):
         transition = random_mdp(seed, states=5)[0][0].clone()

@@ -1,4 +1,4 @@
-"""The six arrows: replicas do not touch each other, the primitive reward does not leak, a run ends well or with a reason."""
+"""The six arrows: replicas do not touch each other, no primitive reward leaks, a run ends well or with a reason."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ def experience(trainer: Trainer) -> tuple[torch.Tensor, ...]:
 @pytest.mark.parametrize("method", METHODS)
 def test_a_replica_is_the_same_alone_and_in_a_batch(make_trainer: Make, method: str) -> None:
     seeds = (40, 41, 42, 43, 44)
-    batch = make_trainer(method, seeds, "trainer.steps=1050")
+    batch = make_trainer(method, seeds, "trainer.steps=560")
     together = run(batch)
     for index in (0, 3):
-        alone = make_trainer(method, (seeds[index],), "trainer.steps=1050")
+        alone = make_trainer(method, (seeds[index],), "trainer.steps=560")
         journal = run(alone)
         for mine, theirs in zip(experience(alone), experience(batch), strict=True):
             assert torch.equal(mine[0], theirs[index])
@@ -71,8 +71,8 @@ def test_one_seed_one_run_and_another_seed_another(make_trainer: Make, method: s
 
 @pytest.mark.parametrize("method", LEARNERS)
 def test_the_primitive_reward_does_not_leak(make_trainer: Make, method: str) -> None:
-    plain = make_trainer(method, (1, 2), "trainer.steps=703")
-    poisoned = make_trainer(method, (1, 2), "trainer.steps=703", "env.poison=true")
+    plain = make_trainer(method, (1, 2), "trainer.steps=353")
+    poisoned = make_trainer(method, (1, 2), "trainer.steps=353", "env.poison=true")
     before, after = run(plain), run(poisoned)
     assert all(torch.equal(a, b) for a, b in zip(experience(plain), experience(poisoned), strict=True))
     judged = {"regret/cumulative", "regret/auc", "reward/mse", "reward/rank_correlation"}
@@ -86,7 +86,9 @@ def test_the_primitive_reward_does_not_leak(make_trainer: Make, method: str) -> 
 
 
 def test_the_oracle_does_look_at_the_primitive_reward(make_trainer: Make) -> None:
-    plain, poisoned = (make_trainer("oracle", (1, 2), "trainer.steps=700", f"env.poison={p}") for p in ("false", "true"))
+    plain, poisoned = (
+        make_trainer("oracle", (1, 2), "trainer.steps=700", f"env.poison={p}") for p in ("false", "true")
+    )
     run(plain)
     run(poisoned)
     assert not torch.equal(experience(plain)[1], experience(poisoned)[1])
@@ -129,7 +131,7 @@ def test_only_the_oracle_is_given_primitive_rewards(make_trainer: Make, method: 
 
 
 def test_a_window_cut_short_counts_in_the_regret_alone(make_trainer: Make) -> None:
-    # Block-UCB plays a fixed order of macro-actions, so both runs start with the same ten windows.
+    # random actions depend on the seed alone, so both runs start with the same ten windows
     whole, longer = (make_trainer("random", (0, 1), f"trainer.steps={steps}") for steps in (70, 74))
     cut = whole_regret = None
     for trainer, rows in ((whole, run(whole)), (longer, run(longer))):

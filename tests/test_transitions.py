@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 import torch
 
-from credit.transitions import Counts
+from credit.transitions import Counts, ShiftMixture
 from credit.types import Problem, Windows
 
 
@@ -74,3 +74,20 @@ def test_replicas_and_windows_are_counted_apart_and_together(
         torch.testing.assert_close(
             counts.probabilities()[replica], expected / expected.sum(-1, keepdim=True).clamp(min=1)
         )
+
+
+def test_shift_mixture_by_hand(make_problem: Callable[..., Problem]) -> None:
+    # One action, four states. Seen: 1→2, 2→2, 0→0 (an end, which tells nothing of the shift).
+    # Shifts with 3 pseudo-counts: (−1: 1, 0: 2, +1: 2)/5. Structure at 1: (.2, .4, .4, 0), at 0: (.6, .4, 0, 0).
+    problem = make_problem((0,), states=4, actions=1)
+    mixture = ShiftMixture(pseudo_counts=4.0, shift_counts=3.0)
+    mixture.start(problem)
+    for s, then in ((1, 2), (2, 2), (0, 0)):
+        shape = (1, 1, 1)
+        mixture.observe(
+            Windows(*(torch.full(shape, value) for value in (s, 0, then)), torch.zeros(1, 1, dtype=torch.float64))
+        )
+    found = mixture.probabilities()[0, :, 0]
+    assert found[1].tolist() == pytest.approx([0.8 / 5, 1.6 / 5, (1 + 1.6) / 5, 0])
+    assert found[0].tolist() == pytest.approx([(1 + 4 * 0.6) / 5, 4 * 0.4 / 5, 0, 0])
+    assert found[3].tolist() == pytest.approx([0, 0, 0.2, 0.8])  # nothing seen: the structure, reflecting

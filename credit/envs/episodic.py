@@ -42,9 +42,9 @@ class SuccessorMDP:
         for row in _not_distributions(self.probabilities)[:1].tolist():
             entries = self.probabilities[row]
             raise UserError(
-                f"transition row (s={row // self.actions}, a={row % self.actions}) is no distribution: it has entries "
-                f"from {float(entries.min()):.6g} to {float(entries.max()):.6g} and the sum {float(entries.sum()):.6g}; "
-                "entries must lie in [0, 1] and sum to 1"
+                f"transition row (s={row // self.actions}, a={row % self.actions}) is no distribution: its entries "
+                f"go from {float(entries.min()):.6g} to {float(entries.max()):.6g} and have the sum "
+                f"{float(entries.sum()):.6g}; they must lie in [0, 1] and sum to 1"
             )
         if len(_not_distributions(self.initial.unsqueeze(0))):
             raise UserError(
@@ -80,7 +80,7 @@ class SuccessorMDP:
         Raises:
             UserError: no step to plan.
         """
-        values, policy = [self._last(additive)], []
+        values, policy = [self._last(additive)], list[Tensor]()
         for _ in range(_checked(horizon)):
             ahead = self._ahead(values[0], additive)
             values.insert(0, ahead.amax(-1))

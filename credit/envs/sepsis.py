@@ -27,22 +27,23 @@ RADIX = {
     "vasopressors": 2,
     "ventilator": 2,
 }
-PLACE = torch.tensor(tuple(RADIX.values())).flip(0).cumprod(0).flip(0) // torch.tensor(tuple(RADIX.values()))
-STATES, VITALS, ACTIONS = 1296, 81, 8
+STATES, VITALS, ACTIONS = 1296, 81, 8  # VITALS: combinations of the four levels
 LEVELS = ("low", "normal", "high")
 STAY = torch.eye(3, dtype=FLOAT)
+_BASE = torch.tensor(tuple(RADIX.values()))
+_PLACE = STATES // _BASE.cumprod(0)
 
 EachWay = Annotated[float, Interval(ge=0, le=0.5)]  # the probability of a move down, and the same again of one up
 
 
 def decode(states: Tensor) -> Tensor:
     """The eight digits [..., 8] of states [...], in the order of `RADIX`."""
-    return states.unsqueeze(-1) // PLACE.to(states.device) % torch.tensor(tuple(RADIX.values()), device=states.device)
+    return states.unsqueeze(-1) // _PLACE.to(states.device) % _BASE.to(states.device)
 
 
 def encode(digits: Tensor) -> Tensor:
     """The states [...] of digits [..., 8]."""
-    return (digits * PLACE.to(digits.device)).sum(-1)
+    return (digits * _PLACE.to(digits.device)).sum(-1)
 
 
 def abnormal(states: Tensor) -> Tensor:
@@ -191,7 +192,7 @@ def _moves(probabilities: dict[tuple[int, int], float]) -> Tensor:
 
 
 def _each_way(probability: float) -> Tensor:
-    return _moves({(level, to): probability for level, to in ((0, 1), (1, 0), (1, 2), (2, 1))})
+    return _moves(dict.fromkeys(((0, 1), (1, 0), (1, 2), (2, 1)), probability))
 
 
 def _levels(key: str, probabilities: Sequence[float]) -> Tensor:
@@ -210,8 +211,8 @@ def _start(diabetes: float, levels: list[list[Tensor]]) -> Tensor:
     kept = drawn.flatten() * ((wrong >= 1) & (wrong <= 2))
     if kept.sum() <= 0:
         raise UserError(
-            "env.start_*: no patient has 1 or 2 abnormal vitals at the start, so that drawing again would never end; "
-            "let some level other than normal be possible, and not three at once only"
+            "env.start_*: no patient has 1 or 2 abnormal vitals, so that a start would be drawn again for ever; "
+            "give some patients with 1 or 2 vitals that are not normal a probability above 0"
         )
     return kept / kept.sum()
 

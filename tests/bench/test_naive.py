@@ -29,7 +29,9 @@ def test_weights_by_hand() -> None:
     # δ = (1.5, 0, .5), α = .5: exponents (−3, 0, −1)
     found = naive.weights({"a": np.array([0.04]), "b": np.array([0.01]), "c": np.array([0.02])})
     total = 1 + math.exp(-3) + math.exp(-1)
-    assert [float(found[name][0]) for name in "abc"] == pytest.approx([math.exp(-3) / total, 1 / total, math.exp(-1) / total])
+    assert [float(found[name][0]) for name in "abc"] == pytest.approx(
+        [math.exp(-3) / total, 1 / total, math.exp(-1) / total]
+    )
 
 
 def test_proxies_keep_to_their_definitions() -> None:

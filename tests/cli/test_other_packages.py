@@ -40,7 +40,7 @@ regularization: 0.1
 """
 
 
-@pytest.fixture()
+@pytest.fixture
 def site(tmp_path: Path) -> Path:
     package = tmp_path / "site" / "parity_surrogate"
     (package / "conf" / "reward").mkdir(parents=True)

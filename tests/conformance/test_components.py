@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +56,9 @@ def selection(kind: str, name: str) -> list[str]:
     }.get(kind, [f"{kind}={name}"])
 
 
+@cache
 def composed(kind: str, name: str) -> dict[str, Any]:
+    """The whole configuration; not to be changed."""
     return registry.compose(["tracking=none", *selection(kind, name)])
 
 
@@ -154,7 +157,9 @@ def keys_without_comment(path: Path) -> list[str]:
 @pytest.mark.parametrize(
     ("kind", "name"),
     [
-        pytest.param(kind, name, marks=[KEYS_WITHOUT_COMMENT] * bool(keys_without_comment(registry.options(kind)[name])))
+        pytest.param(
+            kind, name, marks=[KEYS_WITHOUT_COMMENT] * bool(keys_without_comment(registry.options(kind)[name]))
+        )
         for kind, name in FILES
     ],
 )

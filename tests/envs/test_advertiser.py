@@ -166,9 +166,7 @@ def test_advertising_always_is_best_where_it_pays(parameters: dict[str, Any]) ->
     assert float(advertiser.mdp.optimal.gain) == pytest.approx(float(reward[9, -1]))
 
 
-@given(
-    st.floats(-0.1, 0.1), st.floats(-0.01, 0.01), st.floats(0, 0.2), st.floats(0, 0.1), st.floats(0, 0.2)
-)
+@given(st.floats(-0.1, 0.1), st.floats(-0.01, 0.01), st.floats(0, 0.2), st.floats(0, 0.1), st.floats(0, 0.2))
 @pytest.mark.xfail(strict=True, reason=SEVERAL_CLASSES)
 def test_the_optimum_solves_its_equation_for_any_reward(
     gain: float, crowding: float, cost: float, middle: float, high: float

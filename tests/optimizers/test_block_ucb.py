@@ -17,7 +17,9 @@ from credit.types import Problem, Windows
 Make = Callable[..., Problem]
 
 
-def play(learner: BlockUCB, problem: Problem, blocks: int, label: Callable[[int], float], state: int = 0) -> list[list[int]]:
+def play(
+    learner: BlockUCB, problem: Problem, blocks: int, label: Callable[[int], float], state: int = 0
+) -> list[list[int]]:
     """The macro-actions [R][blocks] taken by a learner that always starts from one state and returns to it."""
     dataset = Dataset(problem, blocks)
     taken: list[list[int]] = [[] for _ in problem.seeds]

@@ -25,7 +25,9 @@ Make = Callable[..., Problem]
 
 
 def planner(problem: Problem, windows: Windows, **parameters: Any) -> tuple[ValueIteration, RewardRecovery]:
-    recovery = RewardRecovery(LinearModel("ridge", Identity()), {}, Bootstrap(3), ReferenceOnly(), {"count": Count(2.0)})
+    recovery = RewardRecovery(
+        LinearModel("ridge", Identity()), {}, Bootstrap(3), ReferenceOnly(), {"count": Count(2.0)}
+    )
     optimizer = ValueIteration(Counts(), **parameters)
     for part in (recovery, optimizer):
         part.start(problem)

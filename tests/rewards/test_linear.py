@@ -29,7 +29,9 @@ def ridge(x: np.ndarray, y: np.ndarray, weight: np.ndarray, penalty: float) -> n
 
 
 @pytest.mark.parametrize("penalty", [1e-3, 0.1, 10.0])
-def test_recursive_fits_equal_the_direct_solution(make_problem: Make, make_windows: MakeWindows, penalty: float) -> None:
+def test_recursive_fits_equal_the_direct_solution(
+    make_problem: Make, make_windows: MakeWindows, penalty: float
+) -> None:
     problem = make_problem((0, 1))
     windows = make_windows(problem, 2000, seed=3)
     weights = torch.poisson(torch.ones(2, 2000, 3, dtype=torch.float64), generator=torch.Generator().manual_seed(4))
