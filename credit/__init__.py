@@ -14,10 +14,10 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from credit.loading import Run, load
-    from credit.run import Result, compose, run
+    from credit.runner import Result, compose, run
 
 __all__ = ["Result", "Run", "compose", "load", "run"]
-_HOMES = {"compose": "run", "load": "loading", "Result": "run", "Run": "loading", "run": "run"}
+_HOMES = {"compose": "runner", "load": "loading", "Result": "runner", "Run": "loading", "run": "runner"}
 
 
 def __getattr__(name: str) -> Any:
@@ -26,6 +26,4 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module 'credit' has no attribute {name!r}")
     import importlib
 
-    value = getattr(importlib.import_module(f"credit.{_HOMES[name]}"), name)
-    globals()[name] = value  # importing credit.run has bound the module under that name
-    return value
+    return getattr(importlib.import_module(f"credit.{_HOMES[name]}"), name)

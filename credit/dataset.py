@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import torch
+from torch import Tensor
 
 from credit.tensors import grown
 from credit.types import Problem, Windows
@@ -20,6 +21,7 @@ class Dataset:
         shape = (problem.replicas, max(capacity, 1), problem.window)
         self._steps = [torch.zeros(shape, dtype=torch.int64, device=problem.device) for _ in range(3)]
         self._labels = problem.zeros(shape[1])
+        self._primitive: Tensor | None = None
         self._count = 0
         self.new: Windows
 
@@ -32,9 +34,14 @@ class Dataset:
         if stop > self._labels.shape[1]:
             self._steps = [grown(block, stop) for block in self._steps]
             self._labels = grown(self._labels, stop)
+            self._primitive = None if self._primitive is None else grown(self._primitive, stop)
         for block, values in zip(self._steps, (windows.states, windows.actions, windows.next_states), strict=True):
             block[:, start:stop] = values
         self._labels[:, start:stop] = windows.labels
+        if windows.primitive is not None:
+            if self._primitive is None:
+                self._primitive = torch.zeros_like(self._steps[0], dtype=windows.primitive.dtype)
+            self._primitive[:, start:stop] = windows.primitive
         self._count = stop
         self.new = windows
 
@@ -42,4 +49,5 @@ class Dataset:
     def windows(self) -> Windows:
         """All windows [R, K, T], as views."""
         states, actions, next_states = (block[:, : self._count] for block in self._steps)
-        return Windows(states, actions, next_states, self._labels[:, : self._count])
+        primitive = None if self._primitive is None else self._primitive[:, : self._count]
+        return Windows(states, actions, next_states, self._labels[:, : self._count], primitive)

@@ -15,12 +15,12 @@ def policy_error(policy: Tensor, optimal: Tensor, weight: Tensor | None = None) 
 
 
 def rank_correlation(first: Tensor, second: Tensor) -> Tensor:
-    """Spearman's ρ over the last dimension, ties by order of index; nan where one side is constant."""
+    """Spearman's ρ over the last dimension, ties by order of index; nan where one side is constant or nan."""
     ranks = [values.argsort(dim=-1, stable=True).argsort(dim=-1).to(FLOAT) for values in (first, second)]
     a, b = (r - r.mean(-1, keepdim=True) for r in ranks)
     rho = (a * b).sum(-1) / (a.square().sum(-1) * b.square().sum(-1)).sqrt()
-    constant = (first.amax(-1) == first.amin(-1)) | (second.amax(-1) == second.amin(-1))
-    return rho.masked_fill(constant, torch.nan)
+    unknown = [(x.amax(-1) == x.amin(-1)) | x.isnan().any(-1) for x in (first, second)]
+    return rho.masked_fill(unknown[0] | unknown[1], torch.nan)
 
 
 class AverageRewardOracle:

@@ -9,6 +9,10 @@ from torch import Tensor
 
 from credit.tensors import matvec
 
+# The average reward for all that data can tell, and unlike γ = 1 it has one solution where a model falls apart into
+# several recurrent classes (self-loops, zero rows).
+NEARLY_ONE = 1 - 1e-6
+
 # Two action values this close are tied, and the first action wins: rounding may then differ between batch sizes.
 TIE = 1e-9
 
@@ -80,15 +84,36 @@ def first_best(values: Tensor, tolerance: Tensor | float = TIE) -> Tensor:
     return (values >= margin.unsqueeze(-1)).to(torch.uint8).argmax(-1)
 
 
-def stationary(transition: Tensor, policy: Tensor) -> Tensor:
-    """The stationary distribution [S] of a policy [S] in a unichain MDP P [S, A, S]."""
+def average_optimum(transition: Tensor, reward: Tensor) -> Plan:
+    """g*, h*, π* and action values of one MDP, P [S, A, S] and r [S, A], without the replica dimension.
+
+    The policy is found at γ just below 1, where every policy has one value, and evaluated at γ = 1. Where even the best
+    policy has several recurrent classes, the value stays that of γ just below 1.
+    """
+    model = (transition.unsqueeze(0), reward.unsqueeze(0))
+    near = policy_iteration(*model, NEARLY_ONE)
+    exact = policy_iteration(*model, 1.0, near.policy)
+    sound = torch.isfinite(exact.values).all() and exact.values.abs().max() < 1e3 * (1 + near.values.abs().max())
+    return Plan(*(part[0] for part in (exact if sound else near)))
+
+
+def stationary(transition: Tensor, policy: Tensor, initial: Tensor | None = None) -> Tensor:
+    """The stationary distribution [S] of a policy [S] in P [S, A, S].
+
+    Where there are several, the one that is reached from the initial distribution [S] (uniform where it is not given).
+    """
     states = policy.shape[0]
+    if initial is None:
+        initial = torch.full((states,), 1 / states, dtype=transition.dtype)
     chain = transition[torch.arange(states), policy]
-    system = torch.eye(states, dtype=chain.dtype) - chain.T
+    eye = torch.eye(states, dtype=chain.dtype)
+    system = eye - chain.T
     system[0] = 1
-    target = torch.zeros(states, dtype=chain.dtype)
-    target[0] = 1
-    return torch.linalg.solve(system, target).clamp(min=0)
+    exact, singular = torch.linalg.solve_ex(system, eye[0])
+    if singular or not (exact > -TIE).all():
+        restarting = torch.linalg.solve(eye - NEARLY_ONE * chain.T, initial)
+        return restarting / restarting.sum()
+    return exact.clamp(min=0)
 
 
 def diameter(transition: Tensor, sweeps: int = 1000) -> float:
@@ -99,6 +124,11 @@ def diameter(transition: Tensor, sweeps: int = 1000) -> float:
     states = transition.shape[0]
     rows = torch.arange(states)
     eye = torch.eye(states, dtype=transition.dtype)
+    reached = (eye + transition.sum(1)).sign()
+    for _ in range(states.bit_length()):
+        reached = (reached @ reached).sign()
+    if not reached.all():
+        return float("inf")
     longest = 0.0
     for goal in range(states):
         steps = torch.ones(states, dtype=transition.dtype)
@@ -106,9 +136,7 @@ def diameter(transition: Tensor, sweeps: int = 1000) -> float:
         moves = transition * steps * steps.view(-1, 1, 1)  # the trip ends at the goal
         chain = moves.mean(1)
         for _ in range(sweeps):
-            times, singular = torch.linalg.solve_ex(eye - chain, steps)
-            if singular or times.max() > 1e12:
-                return float("inf")
+            times = torch.linalg.solve(eye - chain, steps)
             policy = (moves @ times).argmin(-1)
             better = moves[rows, policy]
             if (better @ times >= chain @ times - TIE).all():

@@ -97,7 +97,7 @@ class RewardRecovery(RewardFunction):
             mixed=mixed,
             bonus={},
             plan=mixed,
-            visits=self._visits,
+            visits=self._visits.clone(),
         )
         bonus = {name: term(recovery, self.models[0]) for name, term in self.bonus.items()}
         return replace(recovery, bonus=bonus, plan=reduce(torch.add, bonus.values(), mixed))

@@ -180,7 +180,7 @@ def _compose(overrides: list[str], config_dirs: Sequence[str]) -> dict[str, Any]
         _parse(text)
     try:
         return plain(hydra.compose(CONFIG_NAME, overrides=[*overrides, *_search_override(config_dirs)]))
-    except (HydraException, OmegaConfBaseException) as error:
+    except (HydraException, OmegaConfBaseException, ValueError) as error:  # ValueError: `mixer=null`, `mixer=3`
         raise UserError(_explain(error, overrides, config_dirs)) from None
 
 
@@ -199,6 +199,13 @@ def _explain(error: Exception, overrides: list[str], config_dirs: Sequence[str])
         return f"{group}={option}: no such option; {nearest(option, options(group, config_dirs))}"
     if found := re.search(r"Could not (?:override|delete)[^']*'([\w@./]+)'", message):
         return _unknown_key(found[1], overrides, config_dirs)
+    if message.startswith("Config group override must be"):
+        for text in overrides:
+            group, _, value = text.lstrip("+~").partition("=")
+            named = value.strip("[] ").isidentifier() and value != "null"
+            if (kind := group.partition("@")[0]) in {*KINDS, *CHOICES, ""} and not named:
+                known = ", ".join(options(kind, config_dirs)) if kind else ", ".join([*KINDS, *CHOICES])
+                return f"{text!r}: no name of an option; valid: {known}"
     return re.sub(r"\s*\n\s*", "; ", message.strip())
 
 

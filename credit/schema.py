@@ -102,6 +102,10 @@ class Check:
                 self.problems.append(f"{path}: a value is missing; give {path}=<{describe(hint)}>")
             elif kind is None:
                 self._value(path, value, hint)
+            elif value is None and type(None) not in typing.get_args(hint):
+                self.problems.append(f"{path}=null: a {kind.__name__} belongs here (a mapping with _target_)")
+            elif not (takes_several(hint) or value is None or is_component(value)):
+                self.problems.append(f"{path}={value!r}: one {kind.__name__} belongs here (a mapping with _target_)")
             else:
                 for inner, node in members({path: value}, path).items():
                     if (part := self._component(slot, inner, node, kind)) is not None:
@@ -128,12 +132,14 @@ class Check:
             for name, (hint, default) in signature(cls).items():
                 if name in node or component_kind(hint) is None:
                     continue
-                several = typing.get_origin(hint) is not None
                 if name not in self._slots:
-                    self.problems.append(f"{path}.{name}: a component is missing here (a mapping with _target_)")
-                elif members(self._config, name) or several:
+                    if default is REQUIRED:
+                        self.problems.append(f"{path}.{name}: a component is missing here (a mapping with _target_)")
+                elif takes_several(hint) or is_component(self._config.get(name)):
                     self._reach(name, path)
-                elif default is REQUIRED:
+                elif isinstance(self._config.get(name), Mapping):
+                    self.problems.append(f"{name}: {path} needs one component here, not several by name")
+                elif default is REQUIRED and self._config.get(name) is None:
                     self.problems.append(f"{name}: {path} needs one, and there is none; add {name}=<option> ({asker})")
 
     def _fit(self) -> None:
@@ -170,7 +176,7 @@ def build(config: Mapping[str, Any], slot: str) -> Any:
         return made[name]
 
     def from_value(value: Any, kind: type | None) -> Any:
-        if kind is None:
+        if kind is None or value is None:
             return value
         return from_node(value) if is_component(value) else {key: from_node(node) for key, node in value.items()}
 
@@ -232,6 +238,11 @@ def component_kind(hint: Any) -> type[Component] | None:
         if isinstance(part, type) and issubclass(part, Component):
             return part
     return None
+
+
+def takes_several(hint: Any) -> bool:
+    """Whether a parameter wants components by name, `Mapping[str, X]`."""
+    return isinstance(typing.get_origin(hint), type) and issubclass(typing.get_origin(hint), Mapping)
 
 
 def members(config: Mapping[str, Any], slot: str) -> dict[str, Any]:

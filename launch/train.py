@@ -47,7 +47,7 @@ def main(argv: list[str]) -> int:
 
     from credit import schema
     from credit.job import Job
-    from credit.run import place
+    from credit.runner import place
     from credit.session import Session, new_session_id
 
     for config, overrides in configs:
@@ -94,7 +94,7 @@ def checked_jobs(words: Words, multirun: bool) -> list[tuple[dict[str, Any], lis
 def launch(words: Words, multirun: bool, session: Any, outcome: Outcome, bar: Any, console: Console) -> None:
     """Hand the job or the sweep to Hydra."""
     from credit.job import checked
-    from credit.run import run_job
+    from credit.runner import run_job
 
     def task(composed: Any) -> str:
         config = checked(registry.plain(composed))

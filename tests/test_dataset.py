@@ -31,11 +31,14 @@ def test_it_starts_empty(make_problem: Callable[..., Problem]) -> None:
     assert dataset.windows.states.shape == (2, 0, 7)
 
 
-def test_primitive_rewards_are_not_stored(
+def test_primitive_rewards_are_kept_only_where_they_were_shown(
     make_problem: Callable[..., Problem], make_windows: Callable[..., Windows]
 ) -> None:
     problem = make_problem()
     shown = make_windows(problem, 3)
     dataset = Dataset(problem, 3)
     dataset.append(Windows(shown.states, shown.actions, shown.next_states, shown.labels, torch.ones(1, 3, 7)))
-    assert dataset.windows.primitive is None
+    assert torch.equal(dataset.windows.primitive, torch.ones(1, 3, 7))
+    hidden = Dataset(problem, 3)
+    hidden.append(shown)
+    assert hidden.windows.primitive is None

@@ -107,6 +107,5 @@ def test_rank_correlation_of_a_constant_is_not_defined() -> None:
     assert rank_correlation(tensor([[1, 2, 3]]), tensor([[0, 0, 0]])).isnan().all()
 
 
-@pytest.mark.xfail(strict=True, reason="NaN values are ranked by their index")
 def test_rank_correlation_with_an_unknown_truth_is_not_known() -> None:
     assert rank_correlation(tensor([[3, 1, 2]]), tensor([[torch.nan] * 3])).isnan().all()

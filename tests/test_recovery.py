@@ -135,7 +135,6 @@ def test_before_any_window_all_is_zero_but_the_count_bonus(make_problem: Make) -
     torch.testing.assert_close(found.plan, torch.full_like(found.plan, 0.35))
 
 
-@pytest.mark.xfail(strict=True, reason="Recovery.visits is the assigner's own counter, which later windows change")
 def test_a_recovery_stays_as_it_was(make_problem: Make, make_windows: MakeWindows) -> None:
     problem = make_problem((0,))
     recovery, dataset = full(3), Dataset(problem, 2)

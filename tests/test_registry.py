@@ -70,7 +70,6 @@ def test_what_cannot_be_composed_is_explained(override: str, said: list[str]) ->
         assert part in str(error.value), str(error.value)
 
 
-@pytest.mark.xfail(strict=True, raises=ValueError, reason="Hydra raises a plain ValueError for group=<no string>")
 @pytest.mark.parametrize("override", ["mixer=null", "bonus=null", "method=null", "mixer=3", "=3"])
 def test_what_is_no_name_of_an_option_is_explained(override: str) -> None:
     with pytest.raises(UserError, match=override):

@@ -247,19 +247,16 @@ def test_an_optional_slot_may_be_empty_and_a_group_too() -> None:
     assert problems(change) == []
 
 
-@pytest.mark.xfail(strict=True, reason="a component with a default that is no slot is said to be missing")
 def test_an_optional_part_that_is_no_slot_may_be_left_out() -> None:
     config = good() | {"car": node("Car")}
     assert schema.Check(config, SLOTS, Order, ("car",)).problems == []
 
 
-@pytest.mark.xfail(strict=True, reason="null for a nested component passes the check and fails when it is built")
 def test_null_for_a_nested_component_that_is_needed() -> None:
     config = good() | {"car": node("Car", engine=None, spare=node("Wheel"))}
     assert schema.Check(config, SLOTS, Order, ("car",)).problems
 
 
-@pytest.mark.xfail(strict=True, reason="a mapping of components passes where one belongs")
 def test_several_components_where_one_belongs() -> None:
     assert problems(setter("engine", {"first": node("Petrol"), "second": node("Petrol")}))
 

@@ -245,7 +245,6 @@ def test_a_run_shorter_than_a_window_is_refused(make_trainer: Make) -> None:
         trainer.start((0,))
 
 
-@pytest.mark.xfail(strict=True, reason="PrimitiveReward.refit wants primitive rewards, which the dataset does not keep")
 def test_the_oracle_runs_with_exact_resampling(make_trainer: Make) -> None:
     run(make_trainer("oracle", (0,), "trainer.steps=70", "uncertainty.resample=exact"))
 

@@ -13,7 +13,7 @@ from scipy import stats
 from credit import schema
 from credit.bench import naive
 from credit.bench.measure import cpu_seconds, peak_megabytes, tensor_megabytes
-from credit.run import compose
+from credit.runner import compose
 from credit.trainer import Trainer
 
 REPLICAS = 20

@@ -44,13 +44,12 @@ class TabularMDP:
     @cached_property
     def optimal(self) -> planning.Plan:
         """g*, h*, π* and action values of the average-reward criterion (42), without the replica dimension."""
-        plan = planning.policy_iteration(self.transition.unsqueeze(0), self.reward.unsqueeze(0))
-        return planning.Plan(*(part[0] for part in plan))
+        return planning.average_optimum(self.transition, self.reward)
 
     @cached_property
     def occupancy(self) -> Tensor:
         """The stationary distribution [S] of π*."""
-        return planning.stationary(self.transition, self.optimal.policy)
+        return planning.stationary(self.transition, self.optimal.policy, self.initial)
 
     @cached_property
     def diameter(self) -> float:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from credit.dataset import Dataset
 from credit.interfaces import CreditAssigner, Optimizer, RewardFunction, TransitionModel
-from credit.planning import policy_iteration
+from credit.planning import NEARLY_ONE, policy_iteration
 from credit.types import Problem
 
 
@@ -24,10 +24,6 @@ class ValueIteration(Optimizer):
 
     domain: ClassVar = "tabular"
     needs: ClassVar = {"assigner": RewardFunction}
-
-    # γ = 1 − 1e-6 is the average reward for every model that data can tell from it, and unlike γ = 1 it also has one
-    # solution where P̂ falls apart into several recurrent classes (self-loops, zero rows).
-    AVERAGE = 1 - 1e-6
 
     def __init__(self, transition: TransitionModel, discount: Annotated[float, Interval(gt=0, le=1)] = 1.0) -> None:
         self.transition = transition
@@ -59,5 +55,5 @@ class ValueIteration(Optimizer):
 
     def _plan(self, reward: Tensor) -> Tensor:
         table = reward.view(-1, self._problem.states, self._problem.actions)
-        discount = min(self.discount, self.AVERAGE)
+        discount = min(self.discount, NEARLY_ONE)
         return policy_iteration(self.transition.probabilities(), table, discount, self._policy).policy

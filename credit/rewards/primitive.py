@@ -40,4 +40,5 @@ class PrimitiveReward(RewardModel):
 
     def estimate(self) -> Estimate:
         """The table, without spread."""
-        return Estimate(self._table, self._table.unsqueeze(1).expand(-1, self._draws, -1))
+        table = self._table.clone()
+        return Estimate(table, table.unsqueeze(1).expand(-1, self._draws, -1))

@@ -121,7 +121,7 @@ def test_check_and_list_and_help_build_nothing(credit, folder):
         ended = credit(*words) if words else credit("--help")
         assert ended.code == 0
         assert "credit" in ended.out
-    assert "count, disagreement" in credit("train", "--help").out
+    assert "local_mse" in credit("train", "--help").out
     assert list(folder.iterdir()) == []
 
 

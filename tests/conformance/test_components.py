@@ -33,7 +33,6 @@ from credit.types import Problem, Windows
 MakeWindows = Callable[..., Windows]
 SIGNED = {"thompson"}  # a posterior draw lies on either side of the mean
 FILES = [(kind, name) for kind in registry.KINDS for name in registry.options(kind)]
-KEYS_WITHOUT_COMMENT = pytest.mark.xfail(strict=True, reason="some keys have no comment")
 
 
 def options(kind: str) -> list[str]:
@@ -154,15 +153,7 @@ def keys_without_comment(path: Path) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize(
-    ("kind", "name"),
-    [
-        pytest.param(
-            kind, name, marks=[KEYS_WITHOUT_COMMENT] * bool(keys_without_comment(registry.options(kind)[name]))
-        )
-        for kind, name in FILES
-    ],
-)
+@pytest.mark.parametrize(("kind", "name"), FILES)
 def test_every_key_has_a_comment(kind: str, name: str) -> None:
     assert keys_without_comment(registry.options(kind)[name]) == []
 

@@ -1,0 +1,22 @@
+"""The same code on a GPU, where there is one."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from credit import registry, schema
+from credit.job import checked
+
+pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
+
+
+@pytest.mark.parametrize("method", registry.options("method"))
+def test_every_method_runs_on_cuda(method):
+    config = checked(registry.compose([f"method={method}", "device=cuda", "trainer.steps=150", "replicas=2"]))
+    trainer = schema.build(config, "trainer")
+    trainer.start((0, 1), torch.device("cuda"))
+    rows = []
+    trainer.run(lambda step, values: rows.append(values))
+    assert torch.isfinite(rows[-1]["regret/cumulative"]).all()
+    assert rows[-1]["regret/cumulative"].device.type == "cuda"
