@@ -16,9 +16,9 @@ def recovery_arrays(
 ) -> dict[str, np.ndarray]:
     """Arrays of one replica, [S, A] unless said.
 
-    `windows/states`, `windows/actions` [K, T], `windows/labels` [K]; `models` (names, the reference first);
+    `windows/states`, `windows/actions`, `windows/next_states` [K, T], `windows/labels` [K]; `models` (names, the reference first);
     `reward/true`, `reward/<model>`, `draws/<model>` [B, S, A], `mse/<model>`, `disagreement/<surrogate>` (Δ̂²),
-    `weight/<model>`, `best`, `reward/mixed`, `bonus/<name>`, `reward/plan`, `visits`; `policy` [S].
+    `weight/<model>`, `best`, `reward/mixed`, `bonus/<name>`, `reward/plan`, `visits`; `policy` [S], or [T, S] by step.
     """
     shape = (problem.states, problem.actions)
 
@@ -29,6 +29,7 @@ def recovery_arrays(
     arrays = {
         "windows/states": windows.states[replica].cpu().numpy().astype(np.int32),
         "windows/actions": windows.actions[replica].cpu().numpy().astype(np.int32),
+        "windows/next_states": windows.next_states[replica].cpu().numpy().astype(np.int32),
         "windows/labels": windows.labels[replica].cpu().numpy(),
         "models": np.array(recovery.models),
         "reward/true": table(truth),

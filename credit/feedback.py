@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import torch
 from torch import Tensor
 
@@ -30,3 +32,23 @@ class BlockSum(Feedback):
         """Y = Σ_t r_t + ε for every window of rewards [R, K, T]."""
         noise = torch.cat([self._stream.next() for _ in range(rewards.shape[1])], dim=1)
         return rewards.sum(-1) + self.noise * noise
+
+
+class Terminal(Feedback):
+    """The primitive reward of the window's last step alone: an endpoint outcome, no sum of anything (6.2).
+
+    Args:
+        window: T, steps that share one label.
+    """
+
+    additive: ClassVar = False
+
+    def __init__(self, window: PositiveInt = 5) -> None:
+        self.window = window
+
+    def start(self, problem: Problem) -> None:
+        """There is no noise."""
+
+    def __call__(self, rewards: Tensor) -> Tensor:
+        """Y = r_{T−1} for every window of rewards [R, K, T]."""
+        return rewards[..., -1]

@@ -9,21 +9,27 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 from torch import Tensor
 
 from credit.component import Component
 from credit.dataset import Dataset
+from credit.tensors import matvec
 from credit.types import Estimate, Problem, Recovery, Steps, Windows
 
 Act = Callable[[Tensor, int], Tensor]
 
 
 class Feedback(Component):
-    """The rule that makes a label, the only place that sees primitive rewards: `feedback(rewards [R,K,T]) -> [R,K]`."""
+    """The rule that makes a label, the only place that sees primitive rewards: `feedback(rewards [R,K,T]) -> [R,K]`.
+
+    Attributes:
+        window: T. additive: whether the label is, but for noise, the sum of primitive rewards.
+    """
 
     window: int
+    additive: ClassVar[bool] = True
 
     @abstractmethod
     def start(self, problem: Problem) -> None:
@@ -34,10 +40,20 @@ class Feedback(Component):
         """Labels Y [R, K] of windows with primitive rewards [R, K, T]."""
 
 
+class Oracle(Protocol):
+    """What a learner is worth, judged by the truth; `truth` is r(s, a) [N]."""
+
+    truth: Tensor
+
+    def update(self, primitive: Tensor, labels: Tensor | None, optimizer: Optimizer) -> None:
+        """Count windows with rewards r [R, K, T] and labels [R, K] (None for a window that was cut short)."""
+
+    def metrics(self, policies: dict[str, Tensor], recovery: Recovery | None) -> dict[str, Tensor]:
+        """Metric → [R]."""
+
+
 class Environment(Component):
     """Where steps happen. Its primitive reward reaches the feedback and, for metrics only, the trainer."""
-
-    episodic: ClassVar[bool] = False
 
     @abstractmethod
     def problem(self, window: int, seeds: tuple[int, ...], device: Any) -> Problem:
@@ -52,8 +68,8 @@ class Environment(Component):
         """Run `act` for some windows of `steps` steps; return labelled windows and, for metrics, r [R, K, T]."""
 
     @abstractmethod
-    def oracle(self, problem: Problem) -> Any:
-        """The metrics that compare a learner with the truth (`update`, `metrics`, `truth`)."""
+    def oracle(self, problem: Problem, feedback: Feedback) -> Oracle:
+        """The metrics that compare a learner with the truth, for the objective that the feedback shows."""
 
 
 class FeatureMap(Component):
@@ -175,8 +191,21 @@ class TransitionModel(Component):
         """Count new transitions."""
 
     @abstractmethod
+    def backup(self, values: Tensor) -> Tensor:
+        """Σ P̂(s'|s, a) v(s') [R, S, A] of values [R, S]."""
+
+
+class TransitionTable(TransitionModel):
+    """A transition model that is small enough to be written out."""
+
+    @abstractmethod
     def probabilities(self) -> Tensor:
         """P̂ [R, S, A, S]; rows sum to one, or to zero where nothing is known and nothing assumed."""
+
+    def backup(self, values: Tensor) -> Tensor:
+        """Σ P̂(s'|s, a) v(s') [R, S, A]."""
+        probabilities = self.probabilities()
+        return matvec(probabilities.flatten(1, 2), values).view(probabilities.shape[:-1])
 
 
 class Optimizer(Component):
@@ -196,4 +225,8 @@ class Optimizer(Component):
 
     @abstractmethod
     def policies(self) -> dict[str, Tensor]:
-        """`behaviour` [R, S] and, where there is one without bonus, `greedy` [R, S]."""
+        """`behaviour` and, where there is one without bonus, `greedy`: actions [R, S], or [R, T, S] by step."""
+
+    def executed(self) -> Tensor:
+        """What `act` follows now, for episodic problems: actions [R, T, S], or probabilities [R, T, S, A]."""
+        return self.policies()["behaviour"]

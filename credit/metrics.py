@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from torch import Tensor
 
+from credit.interfaces import Optimizer
 from credit.types import FLOAT, Problem, Recovery
 
 
@@ -23,6 +26,20 @@ def rank_correlation(first: Tensor, second: Tensor) -> Tensor:
     return rho.masked_fill(unknown[0] | unknown[1], torch.nan)
 
 
+def recovery_metrics(recovery: Recovery | None, truth: Tensor) -> dict[str, Tensor]:
+    """How well r(s, a) [N] was recovered, and how far each model is trusted; nothing where nothing is recovered."""
+    if recovery is None:
+        return {}
+    values = {
+        "reward/mse": (recovery.mixed - truth).square().mean(-1),
+        "reward/rank_correlation": rank_correlation(recovery.mixed, truth.expand_as(recovery.mixed)),
+    }
+    for index, name in enumerate(recovery.models):
+        values[f"weight/{name}"] = recovery.weights[:, index].mean(-1)
+        values[f"best/{name}"] = (recovery.best == index).to(FLOAT).mean(-1)
+    return values
+
+
 class AverageRewardOracle:
     """Metrics of a continuing tabular problem: regret against g* (21), policy error, reward error.
 
@@ -39,7 +56,7 @@ class AverageRewardOracle:
         self._labels = problem.zeros()
         self._windows = 0
 
-    def update(self, primitive: Tensor, labels: Tensor | None) -> None:
+    def update(self, primitive: Tensor, labels: Tensor | None, optimizer: Optimizer | None = None) -> None:
         """Count windows with rewards r [R, K, T] and labels [R, K] (None for a window that was cut short)."""
         regret = (self._gain - primitive).sum(-1)
         path = self._regret.unsqueeze(1) + regret.cumsum(1)
@@ -62,10 +79,51 @@ class AverageRewardOracle:
             values["policy/error_occupancy"] = policy_error(policies["behaviour"], self._policy, self._occupancy)
         if "greedy" in policies:
             values["policy/error_greedy"] = policy_error(policies["greedy"], self._policy)
-        if recovery is not None:
-            values["reward/mse"] = (recovery.mixed - self.truth).square().mean(-1)
-            values["reward/rank_correlation"] = rank_correlation(recovery.mixed, self.truth.expand_as(recovery.mixed))
-            for index, name in enumerate(recovery.models):
-                values[f"weight/{name}"] = recovery.weights[:, index].mean(-1)
-                values[f"best/{name}"] = (recovery.best == index).to(FLOAT).mean(-1)
-        return values
+        return values | recovery_metrics(recovery, self.truth)
+
+
+class EpisodicOracle:
+    """Metrics of an episodic problem: regret of the executed policies, evaluated exactly under the start distribution.
+
+    Args:
+        problem: sizes. best: V*. random: V of uniform actions. truth: r(s, a) [N].
+        evaluate: policies [R, T, S] or [R, T, S, A] → their values [R], for the objective that the label shows.
+    """
+
+    def __init__(
+        self, problem: Problem, best: float, random: float, truth: Tensor, evaluate: Callable[[Tensor], Tensor]
+    ) -> None:
+        self._best, self._random, self._evaluate = best, random, evaluate
+        self.truth = truth.to(problem.device)
+        self._value = problem.zeros()
+        self._regret = problem.zeros()
+        self._area = problem.zeros()
+        self._labels = problem.zeros()
+        self._windows = 0
+        self._all = 0
+
+    def update(self, primitive: Tensor, labels: Tensor | None, optimizer: Optimizer) -> None:
+        """Count episodes with labels [R, K] under the policy that was executed; one cut short has no regret."""
+        if labels is None:
+            return
+        self._value = self._evaluate(optimizer.executed()).to(labels.device)
+        count, gap = labels.shape[1], self._best - self._value
+        self._area = self._area + count * self._regret + gap * (count * (count + 1) / 2)
+        self._regret = self._regret + count * gap
+        self._labels = self._labels + labels.sum(1)
+        self._windows += count
+        self._all += count
+
+    def metrics(self, policies: dict[str, Tensor], recovery: Recovery | None) -> dict[str, Tensor]:
+        """Metric → [R]. `return/label` is the mean label since the last call."""
+        values = {
+            "regret/cumulative": self._regret,
+            "regret/share": self._regret / (max(self._all, 1) * (self._best - self._random)),
+            "regret/auc": self._area,
+            "return/policy": self._value,
+            "return/label": self._labels / max(self._windows, 1),
+        }
+        self._labels, self._windows = torch.zeros_like(self._labels), 0
+        if "greedy" in policies:
+            values["return/greedy"] = self._evaluate(policies["greedy"]).to(self._value.device)
+        return values | recovery_metrics(recovery, self.truth)

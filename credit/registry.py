@@ -150,7 +150,7 @@ def plain(config: Any) -> dict[str, Any]:
     """A resolved DictConfig as plain mappings, without the folders that only choose."""
     container = OmegaConf.to_container(config, resolve=True, throw_on_missing=False)
     assert isinstance(container, dict)
-    return {str(key): value for key, value in container.items() if key not in ("hydra", "planner", "learner")}
+    return {str(key): value for key, value in container.items() if key not in ("hydra", "tuned", "planner", "learner")}
 
 
 def options(kind: str, config_dirs: Sequence[str] = ()) -> dict[str, Path]:

@@ -34,7 +34,7 @@ class Stream:
         >>> u = Stream(problem, "environment", "uniform", width=7).next()  # [R, 7]
     """
 
-    CHUNK = 256  # rows drawn at once: a generator call costs more than its numbers
+    CHUNK = 2**13  # numbers drawn at once for a replica: a generator call costs more than a number
 
     def __init__(self, problem: Problem, purpose: str, kind: Kind, width: int) -> None:
         self._generators = generators(problem.seeds, purpose)
@@ -53,7 +53,7 @@ class Stream:
         return self._rows[self._used - 1]
 
     def _draw(self) -> np.ndarray:
-        shape = (self.CHUNK, self._width)
+        shape = (max(self.CHUNK // self._width, 1), self._width)
         if self._kind == "uniform":
             drawn = [g.random(shape) for g in self._generators]
         elif self._kind == "normal":

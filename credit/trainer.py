@@ -11,7 +11,7 @@ from torch import Tensor
 from credit.component import Component
 from credit.dataset import Dataset
 from credit.errors import RunError, UserError
-from credit.interfaces import CreditAssigner, Environment, Feedback, Optimizer, RewardFunction
+from credit.interfaces import CreditAssigner, Environment, Feedback, Optimizer, Oracle, RewardFunction
 from credit.types import PositiveInt, Problem, Recovery, Windows
 
 Log = Callable[[int, dict[str, Tensor]], None]
@@ -60,7 +60,7 @@ class Trainer(Component):
         self.problem: Problem = self.env.problem(window, seeds, device)
         for part in (self.env, self.feedback, self.assigner, self.optimizer):
             part.start(self.problem)
-        self.oracle = self.env.oracle(self.problem)
+        self.oracle: Oracle = self.env.oracle(self.problem, self.feedback)
         self.dataset = Dataset(self.problem, self.steps // window)
         self._shows_primitive = any(model.sees_primitive for model in getattr(self.assigner, "models", ()))
 
@@ -87,14 +87,13 @@ class Trainer(Component):
                 log(done * self.problem.window, self.metrics())
         if rest:
             _, primitive = self.env.collect(self.optimizer.act, self.feedback, 1, rest)
-            self.oracle.update(primitive, None)
+            self.oracle.update(primitive, None, self.optimizer)
         progress(self.steps)
         log(self.steps, self.metrics())
 
     def metrics(self) -> dict[str, Tensor]:
         """Metric → [R], judged by the oracle."""
-        values: dict[str, Tensor] = self.oracle.metrics(self.optimizer.policies(), self.recovery())
-        return values
+        return self.oracle.metrics(self.optimizer.policies(), self.recovery())
 
     def recovery(self) -> Recovery | None:
         """What is believed about the reward, where the assigner believes something."""
@@ -109,5 +108,5 @@ class Trainer(Component):
                 f"window {len(self.dataset) + k} of seed {self.problem.seeds[replica]} has the label "
                 f"{float(windows.labels[replica, k])}: labels must be finite; look at env's reward and at feedback"
             )
-        self.oracle.update(primitive, windows.labels)
+        self.oracle.update(primitive, windows.labels, self.optimizer)
         return replace(windows, primitive=primitive) if self._shows_primitive else windows

@@ -7,11 +7,12 @@ from typing import ClassVar, Literal
 import torch
 from torch import Tensor
 
-from credit.interfaces import TransitionModel
+from credit.interfaces import TransitionModel, TransitionTable
+from credit.tensors import grown
 from credit.types import FLOAT, NonNegative, Positive, Problem, Windows
 
 
-class Counts(TransitionModel):
+class Counts(TransitionTable):
     """P̂(s'|s, a) = (N(s, a, s') + κ·prior(s'|s)) / (N(s, a) + κ).
 
     Where nothing was seen the prior decides, and with it whether an optimistic planner explores: `neighbour` spreads κ
@@ -50,7 +51,7 @@ class Counts(TransitionModel):
         return self._counts / totals.where(totals > 0, torch.ones_like(totals))
 
 
-class ShiftMixture(TransitionModel):
+class ShiftMixture(TransitionTable):
     """Counts shrunk towards a structured estimate: on a line, an action moves the state by a law of its own.
 
     P̂(s'|s, a) = (N(s, a, s') + κ·P̃(s'|s, a)) / (N(s, a) + κ), where under P̃ the shift s' − s ∈ {−1, 0, 1} depends on a
@@ -110,3 +111,36 @@ def prior_rows(prior: str, states: int, device: torch.device) -> Tensor:
 def _count(counts: Tensor, windows: Windows, problem: Problem) -> None:
     triples = (windows.pairs(problem.actions) * problem.states + windows.next_states).flatten(1)
     counts.flatten(1).scatter_add_(1, triples, torch.ones_like(triples, dtype=FLOAT))
+
+
+class ObservedCounts(TransitionModel):
+    """P̂(s'|s, a) = N(s, a, s')/max(1, N(s, a)) to the letter of appendix C, for problems too large to write P̂ out.
+
+    What is stored are the observed transitions; a backup costs O(transitions so far), whatever S is.
+    """
+
+    domain: ClassVar = "tabular"
+
+    def start(self, problem: Problem) -> None:
+        """No transition was seen."""
+        self._problem = problem
+        self._seen = 0
+        self._pairs = torch.zeros(problem.replicas, 1, dtype=torch.int64, device=problem.device)
+        self._arrivals = torch.zeros_like(self._pairs)
+        self._visits = problem.zeros(problem.pairs)
+
+    def observe(self, windows: Windows) -> None:
+        """Store every step of new windows."""
+        pairs = windows.pairs(self._problem.actions).flatten(1)
+        before, self._seen = self._seen, self._seen + pairs.shape[1]
+        if self._seen > self._pairs.shape[1]:
+            self._pairs, self._arrivals = grown(self._pairs, self._seen), grown(self._arrivals, self._seen)
+        self._pairs[:, before : self._seen] = pairs
+        self._arrivals[:, before : self._seen] = windows.next_states.flatten(1)
+        self._visits.scatter_add_(1, pairs, torch.ones_like(pairs, dtype=FLOAT))
+
+    def backup(self, values: Tensor) -> Tensor:
+        """The mean value of the observed successors, 0 where there is none, [R, S, A]."""
+        ahead = values.gather(1, self._arrivals[:, : self._seen])
+        total = torch.zeros_like(self._visits).scatter_add_(1, self._pairs[:, : self._seen], ahead)
+        return (total / self._visits.clamp(min=1)).view(-1, self._problem.states, self._problem.actions)

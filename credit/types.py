@@ -30,7 +30,6 @@ class Problem:
     Attributes:
         states: S. actions: A. window: T, steps that share one label.
         seeds: one seed a replica; R = len(seeds).
-        episodic: whether every window starts from the initial distribution.
         device: where tensors live.
     """
 
@@ -38,7 +37,6 @@ class Problem:
     actions: int
     window: int
     seeds: tuple[int, ...]
-    episodic: bool
     device: torch.device
 
     @property

@@ -48,7 +48,7 @@ def make_problem() -> Callable[..., Problem]:
     """A problem of the advertiser's size, or another."""
 
     def make(seeds: Sequence[int] = (0,), states: int = 10, actions: int = 3, window: int = 7) -> Problem:
-        return Problem(states, actions, window, tuple(seeds), False, torch.device("cpu"))
+        return Problem(states, actions, window, tuple(seeds), torch.device("cpu"))
 
     return make
 

@@ -143,7 +143,7 @@ def naive_regret(seed: int, blocks: int) -> float:
     learner = naive.NaiveDisagreement(np.random.default_rng(seed))
     for _ in range(blocks):
         windows, primitive = trainer.env.collect(partial(follow, learner), trainer.feedback, 1, 7)
-        trainer.oracle.update(primitive, windows.labels)
+        trainer.oracle.update(primitive, windows.labels, trainer.optimizer)
         trainer.dataset.append(windows)
         everything = trainer.dataset.windows
         parts = (everything.states, everything.actions, everything.next_states, everything.labels)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any, ClassVar
 
 import gymnasium
@@ -14,6 +14,7 @@ from torch import Tensor
 
 from credit.errors import UserError
 from credit.interfaces import Act, Environment, Feedback
+from credit.metrics import EpisodicOracle
 from credit.planning import first_best
 from credit.streams import Stream
 from credit.types import FLOAT, Problem, Windows
@@ -129,7 +130,7 @@ class EpisodicEnvironment(Environment):
     """
 
     domain: ClassVar = "tabular"
-    episodic: ClassVar[bool] = True
+    setting: ClassVar = "episodic"
 
     def __init__(self, poison: bool = False) -> None:
         self.poison = poison
@@ -142,7 +143,7 @@ class EpisodicEnvironment(Environment):
     def problem(self, window: int, seeds: tuple[int, ...], device: Any) -> Problem:
         """S, A, T and the seeds."""
         return Problem(
-            self.mdp.states, self.mdp.actions, _checked(window), tuple(seeds), self.episodic, torch.device(device)
+            self.mdp.states, self.mdp.actions, _checked(window), tuple(seeds), torch.device(device)
         )
 
     def start(self, problem: Problem) -> None:
@@ -176,9 +177,18 @@ class EpisodicEnvironment(Environment):
         labels = feedback(primitive)
         return Windows(s, a, n, labels), primitive * torch.nan if self.poison else primitive
 
-    def oracle(self, problem: Problem) -> Any:
-        """The metrics of episodic problems."""
-        raise NotImplementedError
+    def oracle(self, problem: Problem, feedback: Feedback) -> EpisodicOracle:
+        """Regret and reward error against the exact MDP, for the sum of rewards or for the last one."""
+        mdp = replace(self.mdp, reward_next=self.mdp.reward_next * torch.nan) if self.poison else self.mdp
+        values, _ = mdp.optimal(problem.window, feedback.additive)
+        uniform = torch.full((1, problem.window, problem.states, problem.actions), 1 / problem.actions, dtype=FLOAT)
+        return EpisodicOracle(
+            problem,
+            best=float(values[0] @ mdp.initial),
+            random=float(mdp.evaluate(uniform, feedback.additive)),
+            truth=mdp.reward.flatten(),
+            evaluate=partial(mdp.evaluate, additive=feedback.additive),
+        )
 
 
 class EpisodicGymEnv(gymnasium.Env[int, int]):

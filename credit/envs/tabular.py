@@ -66,6 +66,7 @@ class TabularEnvironment(Environment):
     """
 
     domain: ClassVar = "tabular"
+    setting: ClassVar = "continuing"
 
     def __init__(self, poison: bool = False) -> None:
         self.poison = poison
@@ -78,7 +79,7 @@ class TabularEnvironment(Environment):
     def problem(self, window: int, seeds: tuple[int, ...], device: Any) -> Problem:
         """S, A, T and the seeds."""
         states, actions, _ = self.mdp.transition.shape
-        return Problem(states, actions, window, tuple(seeds), self.episodic, torch.device(device))
+        return Problem(states, actions, window, tuple(seeds), torch.device(device))
 
     def start(self, problem: Problem) -> None:
         """Draw the initial states."""
@@ -111,7 +112,7 @@ class TabularEnvironment(Environment):
         labels = feedback(primitive)
         return Windows(s, a, n, labels), primitive * torch.nan if self.poison else primitive
 
-    def oracle(self, problem: Problem) -> AverageRewardOracle:
+    def oracle(self, problem: Problem, feedback: Feedback) -> AverageRewardOracle:
         """Regret, policy error and reward error against the exact MDP."""
         mdp = self.mdp
         reward = mdp.reward * torch.nan if self.poison else mdp.reward

@@ -36,6 +36,7 @@ class BlockUCB(Optimizer):
     """
 
     domain: ClassVar = "tabular"
+    setting: ClassVar = "continuing"
 
     def __init__(
         self,

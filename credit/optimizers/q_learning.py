@@ -29,6 +29,7 @@ class QLearning(Optimizer):
     """
 
     domain: ClassVar = "tabular"
+    setting: ClassVar = "continuing"
 
     def __init__(
         self,

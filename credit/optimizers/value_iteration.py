@@ -9,7 +9,7 @@ from annotated_types import Interval
 from torch import Tensor
 
 from credit.dataset import Dataset
-from credit.interfaces import CreditAssigner, Optimizer, RewardFunction, TransitionModel
+from credit.interfaces import CreditAssigner, Optimizer, RewardFunction, TransitionTable
 from credit.planning import NEARLY_ONE, policy_iteration
 from credit.types import Problem
 
@@ -23,9 +23,10 @@ class ValueIteration(Optimizer):
     """
 
     domain: ClassVar = "tabular"
-    needs: ClassVar = {"assigner": RewardFunction}
+    setting: ClassVar = "continuing"
+    needs: ClassVar = {"assigner": RewardFunction, "transition": TransitionTable}
 
-    def __init__(self, transition: TransitionModel, discount: Annotated[float, Interval(gt=0, le=1)] = 1.0) -> None:
+    def __init__(self, transition: TransitionTable, discount: Annotated[float, Interval(gt=0, le=1)] = 1.0) -> None:
         self.transition = transition
         self.discount = discount
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import torch
 from torch import Tensor
 
 from credit.interfaces import RewardModel
-from credit.types import Estimate, Problem, Windows
+from credit.types import FLOAT, Estimate, Problem, Windows
 
 
 class PrimitiveReward(RewardModel):
-    """Remembers the primitive reward of every pair it has visited, zero elsewhere: the floor for recovery methods.
+    """The mean primitive reward seen at every pair, zero where none was seen: the floor for recovery methods.
 
     Args:
         name: the model's name in metrics, files and figures.
@@ -26,19 +27,23 @@ class PrimitiveReward(RewardModel):
     def start(self, problem: Problem, draws: int) -> None:
         """Nothing seen yet."""
         self._actions, self._draws = problem.actions, draws
-        self._table = problem.zeros(problem.pairs)
+        self._total, self._visits = problem.zeros(problem.pairs), problem.zeros(problem.pairs)
 
     def observe(self, windows: Windows, weights: Tensor) -> None:
-        """Write down r(s, a) of every step."""
+        """Add the primitive reward of every step."""
         if windows.primitive is None:
             raise ValueError("the primitive reward was not shown to the oracle")
-        self._table.scatter_(1, windows.pairs(self._actions).flatten(1), windows.primitive.flatten(1))
+        pairs = windows.pairs(self._actions).flatten(1)
+        self._total.scatter_add_(1, pairs, windows.primitive.flatten(1))
+        self._visits.scatter_add_(1, pairs, torch.ones_like(pairs, dtype=FLOAT))
 
     def refit(self, windows: Windows, weights: Tensor) -> None:
-        """As `observe`: what was seen once is known."""
+        """Forget, and see these windows."""
+        self._total.zero_()
+        self._visits.zero_()
         self.observe(windows, weights)
 
     def estimate(self) -> Estimate:
         """The table, without spread."""
-        table = self._table.clone()
+        table = self._total / self._visits.clamp(min=1)
         return Estimate(table, table.unsqueeze(1).expand(-1, self._draws, -1))

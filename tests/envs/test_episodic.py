@@ -211,7 +211,6 @@ def test_a_replica_takes_the_same_steps_alone() -> None:
 def test_the_problem_tells_sizes_only() -> None:
     problem = Small().problem(3, (3, 4), "cpu")
     assert (problem.states, problem.actions, problem.window, problem.seeds) == (STATES, ACTIONS, 3, (3, 4))
-    assert problem.episodic
 
 
 def test_gymnasium_episodes_end_at_the_horizon() -> None:

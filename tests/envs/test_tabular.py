@@ -101,7 +101,7 @@ def test_poison_hides_the_reward_and_keeps_the_labels() -> None:
 def test_the_problem_tells_sizes_only() -> None:
     problem = Advertiser(states=6).problem(5, (3, 4), "cpu")
     assert (problem.states, problem.actions, problem.window, problem.seeds) == (6, 3, 5, (3, 4))
-    assert (problem.replicas, problem.pairs, problem.episodic) == (2, 18, False)
+    assert (problem.replicas, problem.pairs) == (2, 18)
     assert problem.zeros(4).shape == (2, 4)
 
 

@@ -1,0 +1,72 @@
+"""Planning in episodes: B.1 with a policy that depends on the step."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+
+from credit.dataset import Dataset
+from credit.interfaces import CreditAssigner, Optimizer, RewardFunction, TransitionModel
+from credit.planning import TIE
+from credit.streams import Stream
+from credit.types import Problem
+
+
+class FiniteHorizon(Optimizer):
+    """Finite-horizon value iteration on (P̂, r_plan): Q_t = r_plan + P̂ max Q_{t+1}, for t = T−1 … 0 (A.2).
+
+    Ties go to a random action, drawn anew at every plan: order would prefer no treatment.
+
+    Args:
+        transition: the transition model P̂.
+    """
+
+    domain: ClassVar = "tabular"
+    setting: ClassVar = "episodic"
+    needs: ClassVar = {"assigner": RewardFunction}
+
+    def __init__(self, transition: TransitionModel) -> None:
+        self.transition = transition
+
+    def start(self, problem: Problem) -> None:
+        """Nothing is known: every action is tied."""
+        self._problem = problem
+        self.transition.start(problem)
+        self._stream = Stream(problem, "ties", "uniform", problem.pairs)
+        self._assigner: RewardFunction | None = None
+        self._shuffle()
+        self._policy = self._plan(problem.zeros(problem.pairs))
+
+    def act(self, states: Tensor, step: int) -> Tensor:
+        """π_t(s)."""
+        return self._policy[:, step].gather(1, states.unsqueeze(1)).squeeze(1)
+
+    def improve(self, dataset: Dataset, assigner: CreditAssigner) -> None:
+        """Count the new transitions and plan with r_plan."""
+        assert isinstance(assigner, RewardFunction)
+        self.transition.observe(dataset.new)
+        self._assigner = assigner
+        self._shuffle()
+        self._policy = self._plan(assigner.recovery().plan)
+
+    def policies(self) -> dict[str, Tensor]:
+        """The optimistic policy [R, T, S], and the one that plans with the mixed reward alone."""
+        if self._assigner is None:
+            return {"behaviour": self._policy}
+        return {"behaviour": self._policy, "greedy": self._plan(self._assigner.recovery().mixed)}
+
+    def _shuffle(self) -> None:
+        self._order = 1 + self._stream.next().view(-1, self._problem.states, self._problem.actions)
+
+    def _plan(self, reward: Tensor) -> Tensor:
+        table = reward.view(-1, self._problem.states, self._problem.actions)
+        values = table.new_zeros(table.shape[:2])
+        policy: list[Tensor] = []
+        for _ in range(self._problem.window):
+            ahead = table + self.transition.backup(values)
+            values = ahead.amax(-1)
+            tied = ahead >= (values - TIE).unsqueeze(-1)
+            policy.insert(0, (tied * self._order).argmax(-1))
+        return torch.stack(policy, dim=1)
