@@ -16,9 +16,10 @@ def recovery_arrays(
 ) -> dict[str, np.ndarray]:
     """Arrays of one replica, [S, A] unless said.
 
-    `windows/states`, `windows/actions`, `windows/next_states` [K, T], `windows/labels` [K]; `models` (names, the reference first);
-    `reward/true`, `reward/<model>`, `draws/<model>` [B, S, A], `mse/<model>`, `disagreement/<surrogate>` (Δ̂²),
-    `weight/<model>`, `best`, `reward/mixed`, `bonus/<name>`, `reward/plan`, `visits`; `policy` [S], or [T, S] by step.
+    `windows/states`, `windows/actions`, `windows/next_states` [K, T], `windows/labels` [K]; `models` (names, the
+    reference first); `reward/true`, `reward/<model>`, `draws/<model>` [B, S, A], `mse/<model>`,
+    `disagreement/<surrogate>` (Δ̂²), `weight/<model>`, `best`, `reward/mixed`, `bonus/<name>`, `reward/plan`, `visits`;
+    `policy` [S], or [T, S] by step.
     """
     shape = (problem.states, problem.actions)
 

@@ -159,7 +159,6 @@ class Check:
                                 f"{other_class.__name__}; choose another {slot}, or another {needed_slot}"
                             )
 
-
     def _mismatches(self, cls: type[Component]) -> list[tuple[str, str]]:
         """(what a class works on, what the environment is instead), for its domain and its setting."""
         environment = next(iter(self._classes.get("env", {}).values()), None)

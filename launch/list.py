@@ -36,15 +36,22 @@ def main(argv: list[str]) -> int:
 def parameters(path: Path) -> list[str]:
     """One line a parameter: `name = default   what is allowed`."""
     node = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
-    if "_target_" not in node:
-        return [f"{key} = {value}" for key, value in node.items() if key != "defaults"]
+    if "_target_" not in node:  # a variant of another file
+        return [f"{key} = {shown(value)}" for key, value in node.items() if key != "defaults"]
     hints = schema.signature(schema.resolve(str(path), node))
-    rows = []
-    for name, (hint, default) in hints.items():
-        if schema.component_kind(hint) is None:
-            value = node.get(name, default)
-            rows.append(f"{name} = {'null' if value is None else value}   ({schema.describe(hint)})")
-    return rows
+    return [
+        f"{name} = {shown(node.get(name, default))}   ({schema.describe(hint)})"
+        for name, (hint, default) in hints.items()
+        if schema.component_kind(hint) is None
+    ]
+
+
+def shown(value: object) -> str:
+    """A default as text; one that experiments set is that of the default experiment."""
+    if not str(value).startswith("${tuned."):
+        return "null" if value is None else str(value)
+    tuned = yaml.safe_load((registry.conf_dir() / "config.yaml").read_text(encoding="utf-8"))["tuned"]
+    return f"{tuned[str(value)[8:-1]]} unless the experiment says otherwise"
 
 
 if __name__ == "__main__":

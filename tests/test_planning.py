@@ -14,8 +14,6 @@ from credit.bench import naive
 from credit.envs.advertiser import Advertiser
 from credit.planning import NEARLY_ONE, diameter, first_best, policy_iteration, stationary
 
-NEARLY_ONE = 1 - 1e-6
-
 
 def tensor(values: Any) -> torch.Tensor:
     return torch.tensor(values, dtype=torch.float64)

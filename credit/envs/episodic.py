@@ -142,9 +142,7 @@ class EpisodicEnvironment(Environment):
 
     def problem(self, window: int, seeds: tuple[int, ...], device: Any) -> Problem:
         """S, A, T and the seeds."""
-        return Problem(
-            self.mdp.states, self.mdp.actions, _checked(window), tuple(seeds), torch.device(device)
-        )
+        return Problem(self.mdp.states, self.mdp.actions, _checked(window), tuple(seeds), torch.device(device))
 
     def start(self, problem: Problem) -> None:
         """Make the streams of R replicas."""

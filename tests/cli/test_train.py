@@ -109,7 +109,12 @@ def test_check_and_list_and_help_build_nothing(credit, folder):
     assert "# all right" in credit("check", "method=block").out
     assert "# 2 jobs, all right" in credit("check", "-m", "method=block,random").out
     listing = credit("list").out
-    for name in ("disagreement", "elliptical", "threshold", "alpha = 0.5   (float > 0)"):
+    for name in (
+        "disagreement",
+        "elliptical",
+        "threshold",
+        "alpha = 0.5 unless the experiment says otherwise   (float > 0)",
+    ):
         assert name in listing
     for words in (
         (),
