@@ -33,7 +33,17 @@ def disagreement_signal(mse: Tensor, disagreement: Tensor, best: Tensor) -> Tens
     return choices.gather(-2, best.unsqueeze(-2)).squeeze(-2).sqrt()
 
 
-class Count(Bonus):
+class _Shrinking(Bonus):
+    """A bonus that decays with the visits, c·(…)/√(λ + N)."""
+
+    domain: ClassVar = "tabular"
+
+    def __init__(self, scale: NonNegative = 1.0, lambda_visits: Positive = 1.0) -> None:
+        self.scale = scale
+        self.lambda_visits = lambda_visits
+
+
+class Count(_Shrinking):
     """The count bonus c/√(λ + N(s, a)) of (17) and (19).
 
     Args:
@@ -41,18 +51,12 @@ class Count(Bonus):
         lambda_visits: λ added to the visits.
     """
 
-    domain: ClassVar = "tabular"
-
-    def __init__(self, scale: NonNegative = 0.35, lambda_visits: Positive = 1.0) -> None:
-        self.scale = scale
-        self.lambda_visits = lambda_visits
-
     def __call__(self, recovery: Recovery, reference: RewardModel) -> Tensor:
         """c/√(λ + N)."""
         return self.scale * shrink(recovery.visits, self.lambda_visits)
 
 
-class LocalMSE(Bonus):
+class LocalMSE(_Shrinking):
     """Uncertainty of the locally best model, c·√MSE_j*/√(λ + N) (17), (31); with the reference alone it is (30).
 
     Args:
@@ -60,30 +64,18 @@ class LocalMSE(Bonus):
         lambda_visits: λ added to the visits.
     """
 
-    domain: ClassVar = "tabular"
-
-    def __init__(self, scale: NonNegative = 1.0, lambda_visits: Positive = 1.0) -> None:
-        self.scale = scale
-        self.lambda_visits = lambda_visits
-
     def __call__(self, recovery: Recovery, reference: RewardModel) -> Tensor:
         """Equation (17), last term."""
         return self.scale * best_error(recovery.mse, recovery.best) * shrink(recovery.visits, self.lambda_visits)
 
 
-class Disagreement(Bonus):
+class Disagreement(_Shrinking):
     """Reference uncertainty or reference–surrogate disagreement, c·e/√(λ + N) (18), (19), (32).
 
     Args:
         scale: c_dis.
         lambda_visits: λ added to the visits.
     """
-
-    domain: ClassVar = "tabular"
-
-    def __init__(self, scale: NonNegative = 1.0, lambda_visits: Positive = 1.0) -> None:
-        self.scale = scale
-        self.lambda_visits = lambda_visits
 
     def __call__(self, recovery: Recovery, reference: RewardModel) -> Tensor:
         """Equation (19), last term."""

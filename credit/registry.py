@@ -119,13 +119,21 @@ def is_sweep(override: str) -> bool:
 def slug(overrides: Sequence[str]) -> str:
     """A folder name for what was changed: `default`, or the overrides that make a run another run."""
     ignored = re.compile(r"^[+~]*(experiment|method|seed|replicas|output|device|session|rerun|tracking|hydra)\b(?!@)")
-    kept = sorted(text.lstrip("+") for text in overrides if not ignored.match(text))
-    name = re.sub(r"[^A-Za-z0-9=._,@~+-]+", "-", ",".join(kept)).strip("-")
+    kept = sorted(_spelled(text) for text in overrides if not ignored.match(text))
+    name = re.sub(r"[^A-Za-z0-9=._,@~+-]+", "-", re.sub(r"[\[\]'\"]", "", ",".join(kept))).strip("-")
     if len(name) > 120:
         import zlib
 
         name = f"{name[:110]}-{zlib.crc32(name.encode()):08x}"
     return name or "default"
+
+
+def _spelled(text: str) -> str:
+    """An override as Hydra's sweeper spells it: `.3` and `0.3` are one folder."""
+    parsed = _parse(text)
+    if parsed.is_delete():
+        return text
+    return f"{parsed.key_or_group}{f'@{parsed.package}' if parsed.package else ''}={parsed.get_value_element_as_str()}"
 
 
 def launch(task: Callable[[Any], Any], overrides: Sequence[str], multirun: bool, config_dirs: Sequence[str]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
@@ -15,7 +16,6 @@ import torch
 from credit import job as jobs
 from credit import registry, schema
 from credit.artifacts import recovery_arrays, write_arrays
-from credit.errors import RunError
 from credit.session import JobRecord, Session, new_session_id
 from credit.tracking.journal import Journal, git_commit, versions, write_atomically, write_json, write_yaml
 from credit.trainer import Trainer
@@ -25,7 +25,14 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class Result:
-    """How a job ended: its folders (those that were done before included), status, and final metrics [R]."""
+    """How a job ended.
+
+    Attributes:
+        title: the method's name in tables. folders: one a seed, those that were done before included.
+        computed: seeds that were computed now. skipped: seeds that were done before.
+        status: FINISHED or FAILED. seconds: wall time. error: why it failed.
+        metrics: name → final values of all seeds, in the order of the folders; of those that finished.
+    """
 
     title: str
     folders: list[Path]
@@ -107,7 +114,7 @@ def run_job(
     parent, todo, done = place(config, overrides)
     folders = [parent / f"seed-{seed}" for seed in job.seeds]
     if not todo:
-        return Result(job.title, folders, [], done, "FINISHED", 0.0, {})
+        return Result(job.title, folders, [], done, "FINISHED", 0.0, _final_metrics(folders))
     trainer: Trainer = schema.build(config, "trainer")
     trainer.start(tuple(todo), jobs.device(job.device))
     fresh = [parent / f"seed-{seed}" for seed in todo]
@@ -122,23 +129,21 @@ def run_job(
             lambda step, values: journal.log(step, {name: column.tolist() for name, column in values.items()}),
             lambda steps: progress(job.title, steps, trainer.steps) if progress else None,
         )
+        _write_beliefs(trainer, fresh)
         status = "FINISHED"
-    except (RunError, ArithmeticError, OSError, RuntimeError, ValueError) as failure:
+    except Exception as failure:  # a component may raise anything; the job says so, and a sweep goes on
         status, error = "FAILED", f"{type(failure).__name__}: {failure}"
         with (session.folder / "error.log").open("a", encoding="utf-8") as log:
             log.write(f"job {number} ({job.method}, seeds {todo[0]}–{todo[-1]})\n{traceback.format_exc()}\n")
     finally:
         journal.flush()
-        if status == "FINISHED":
-            _write_beliefs(trainer, fresh)
         summary = _summary(config, record, status, time.process_time() - cpu)
         for seed, folder, last in zip(todo, fresh, journal.last, strict=True):
             write_json(folder / "summary.json", summary | {"seed": seed, "metrics": last})
             if status == "FINISHED":
                 write_atomically(folder / "DONE", summary["config_hash"] + "\n")
         record.finish(status, error)
-    metrics = {name: np.array([last[name] for last in journal.last]) for name in journal.last[0]}
-    return Result(job.title, folders, todo, done, status, time.time() - started, metrics, error)
+    return Result(job.title, folders, todo, done, status, time.time() - started, _final_metrics(folders), error)
 
 
 def _facts(
@@ -175,6 +180,14 @@ def _summary(config: Mapping[str, Any], record: JobRecord, status: str, cpu_seco
         "versions": versions(),
         "paper": {"name": config["title"]},
     }
+
+
+def _final_metrics(folders: Sequence[Path]) -> dict[str, np.ndarray]:
+    """Metric → one value a finished run; NaN where it is not known."""
+    finished = [folder for folder in folders if (folder / "DONE").exists()]
+    last = [json.loads((folder / "summary.json").read_text(encoding="utf-8"))["metrics"] for folder in finished]
+    names = dict.fromkeys(name for metrics in last for name in metrics)
+    return {name: np.array([metrics.get(name) for metrics in last], dtype=float) for name in names}
 
 
 def _write_beliefs(trainer: Trainer, folders: list[Path]) -> None:

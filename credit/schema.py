@@ -188,6 +188,7 @@ def build(config: Mapping[str, Any], slot: str) -> Any:
         return from_node(value) if is_component(value) else {key: from_node(node) for key, node in value.items()}
 
     def from_node(node: Mapping[str, Any]) -> Any:
+        """One component."""
         cls = resolve(str(node["_target_"]), node)
         arguments = {}
         for name, (hint, default) in signature(cls).items():

@@ -129,6 +129,7 @@ def opening_on(app: App, page: Callable[[], str]) -> App:
     from starlette.responses import HTMLResponse
 
     async def opening(scope: dict[str, Any], receive: Receive, send: Send) -> None:
+        """Answer one request."""
         host = dict(scope.get("headers", ())).get(b"host", b"").partition(b":")[0]
         at_root = scope["type"] == "http" and scope["path"] == "/" and not scope["query_string"]
         if at_root and host in (b"127.0.0.1", b"localhost"):

@@ -97,6 +97,7 @@ def launch(words: Words, multirun: bool, session: Any, outcome: Outcome, bar: An
     from credit.runner import run_job
 
     def task(composed: Any) -> str:
+        """One job, as Hydra composed it."""
         config = checked(registry.plain(composed))
         number, overrides = registry.job_overrides()
         overrides = [text for text in overrides if not text.startswith("session=")]
@@ -158,6 +159,7 @@ def bars(console: Console, jobs: int) -> Iterator[Any]:
         task, job, before = None, 0, 0
 
         def advance(title: str, steps: int, total: int) -> None:
+            """Show how far the job is."""
             nonlocal task, job, before
             if task is None or steps < before:  # a job has begun
                 if task is not None:

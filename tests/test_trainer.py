@@ -246,7 +246,11 @@ def test_a_run_shorter_than_a_window_is_refused(make_trainer: Make) -> None:
 
 
 def test_the_oracle_runs_with_exact_resampling(make_trainer: Make) -> None:
-    run(make_trainer("oracle", (0,), "trainer.steps=70", "uncertainty.resample=exact"))
+    exact = make_trainer("oracle", (0,), "trainer.steps=70", "uncertainty.resample=exact")
+    online = make_trainer("oracle", (0,), "trainer.steps=70")
+    run(exact)
+    run(online)
+    assert torch.equal(exact.dataset.windows.actions, online.dataset.windows.actions)
 
 
 @pytest.mark.parametrize("method", ["reference", "adaptive_mse", "disagreement"])

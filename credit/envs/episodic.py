@@ -12,8 +12,9 @@ import torch
 from scipy.sparse import csr_array
 from torch import Tensor
 
+from credit.envs.exact import ExactEnvironment
 from credit.errors import UserError
-from credit.interfaces import Act, Environment, Feedback
+from credit.interfaces import Act, Feedback
 from credit.metrics import EpisodicOracle
 from credit.planning import first_best
 from credit.streams import Stream
@@ -121,28 +122,19 @@ class SuccessorMDP:
         return csr_array((self.probabilities[possible].numpy(), cells), shape=(len(possible), self.states))
 
 
-class EpisodicEnvironment(Environment):
-    """R replicas of one exact MDP, stepped together; every window starts from the initial distribution.
+class EpisodicEnvironment(ExactEnvironment):
+    """R replicas of one exact MDP; every window starts from the initial distribution.
 
     Args:
-        poison: replace the primitive reward by NaN wherever anything but the feedback could read it (the leak test:
-            only the oracle metrics may change).
+        poison: replace the primitive reward by NaN wherever a learner could read it.
     """
 
-    domain: ClassVar = "tabular"
     setting: ClassVar = "episodic"
-
-    def __init__(self, poison: bool = False) -> None:
-        self.poison = poison
 
     @property
     @abstractmethod
     def mdp(self) -> SuccessorMDP:
         """The exact MDP."""
-
-    def problem(self, window: int, seeds: tuple[int, ...], device: Any) -> Problem:
-        """S, A, T and the seeds."""
-        return Problem(self.mdp.states, self.mdp.actions, _checked(window), tuple(seeds), torch.device(device))
 
     def start(self, problem: Problem) -> None:
         """Make the streams of R replicas."""

@@ -12,8 +12,9 @@ import torch
 from torch import Tensor
 
 from credit import planning
+from credit.envs.exact import ExactEnvironment
 from credit.errors import UserError
-from credit.interfaces import Act, Environment, Feedback
+from credit.interfaces import Act, Feedback
 from credit.metrics import AverageRewardOracle
 from credit.streams import Stream
 from credit.types import Problem, Windows
@@ -41,6 +42,16 @@ class TabularMDP:
                 f"{float(rows[s, a]):.6g}; entries must lie in [0, 1] and sum to 1"
             )
 
+    @property
+    def states(self) -> int:
+        """S."""
+        return self.transition.shape[0]
+
+    @property
+    def actions(self) -> int:
+        """A."""
+        return self.transition.shape[1]
+
     @cached_property
     def optimal(self) -> planning.Plan:
         """g*, h*, π* and action values of the average-reward criterion (42), without the replica dimension."""
@@ -57,29 +68,19 @@ class TabularMDP:
         return planning.diameter(self.transition)
 
 
-class TabularEnvironment(Environment):
-    """R replicas of one exact continuing MDP, stepped together.
+class TabularEnvironment(ExactEnvironment):
+    """R replicas of one exact continuing MDP.
 
     Args:
-        poison: replace the primitive reward by NaN wherever anything but the feedback could read it (the leak test:
-            only the oracle metrics may change).
+        poison: replace the primitive reward by NaN wherever a learner could read it.
     """
 
-    domain: ClassVar = "tabular"
     setting: ClassVar = "continuing"
-
-    def __init__(self, poison: bool = False) -> None:
-        self.poison = poison
 
     @property
     @abstractmethod
     def mdp(self) -> TabularMDP:
         """The exact MDP."""
-
-    def problem(self, window: int, seeds: tuple[int, ...], device: Any) -> Problem:
-        """S, A, T and the seeds."""
-        states, actions, _ = self.mdp.transition.shape
-        return Problem(states, actions, window, tuple(seeds), torch.device(device))
 
     def start(self, problem: Problem) -> None:
         """Draw the initial states."""

@@ -109,6 +109,7 @@ def ordered_groups(runs: Runs) -> list[tuple[str, str, pd.DataFrame]]:
     """The runs of each (method, slug), the paper's methods first and in the paper's order."""
 
     def position(key: tuple[str, str]) -> tuple[int, str, bool, str]:
+        """What to sort by."""
         method, slug = key
         # What goes beyond the paper follows by name.
         rank = PAPER_METHODS.index(method) if method in PAPER_METHODS else len(PAPER_METHODS)

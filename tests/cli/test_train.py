@@ -55,6 +55,23 @@ def test_the_same_command_does_only_what_is_missing(credit, folder):
     assert len(list(folder.rglob("DONE"))) == 3
 
 
+def test_one_spelling_of_a_number_is_one_folder(credit, folder):
+    credit("train", "method=random", "replicas=1", "env.p_up=.5", *SHORT)
+    ended = credit("train", "-m", "method=random", "replicas=1", "env.p_up=.5,.4", *SHORT)
+    assert "all 1 seeds were done before" in ended.err
+    assert len(list(folder.rglob("DONE"))) == 2
+
+
+def test_python_returns_the_metrics_of_all_seeds(folder):
+    words = ["method=random", *SHORT]
+    first = package.run([*words, "replicas=2"]).metrics["regret/cumulative"]
+    again = package.run([*words, "replicas=3"])
+    assert again.skipped == [0, 1]
+    assert again.metrics["regret/cumulative"].shape == (3,)
+    assert again.metrics["regret/cumulative"][:2].tolist() == first.tolist()
+    assert package.load(again.folders[2]).summary["seed"] == 2
+
+
 def test_a_seed_alone_equals_the_seed_in_a_batch(credit, folder):
     credit("train", "method=disagreement", "replicas=3", *SHORT)
     credit("train", "method=disagreement", "seed=1", "output=alone", "replicas=1", *SHORT)

@@ -141,7 +141,6 @@ def test_a_horizon_of_zero_is_refused() -> None:
     for refused in (
         lambda: mdp.optimal(0, True),
         lambda: mdp.evaluate(torch.zeros(1, 0, STATES, dtype=torch.int64), True),
-        lambda: Small().problem(0, (0,), "cpu"),
         lambda: EpisodicGymEnv(mdp, 0),
     ):
         with pytest.raises(UserError, match=r"horizon=0.*at least 1"):
