@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from torch import Tensor
+
+CACHED = 2**18  # numbers that stay in a processor's cache from one operation to the next
 
 
 def matvec(matrix: Tensor, vector: Tensor) -> Tensor:
@@ -21,3 +25,11 @@ def grown(block: Tensor, columns: int) -> Tensor:
     larger = block.new_zeros(block.shape[0], max(columns, 2 * block.shape[1]), *block.shape[2:])
     larger[:, : block.shape[1]] = block
     return larger
+
+
+def by_replica(function: Callable[..., Tensor], *tensors: Tensor) -> Tensor:
+    """`function(*tensors)` for tensors [R, ...], in parts of R that stay in the cache where the whole would not."""
+    size = max(1, CACHED // max(tensors[0][0].numel(), 1))
+    if size >= len(tensors[0]):
+        return function(*tensors)
+    return torch.cat([function(*parts) for parts in zip(*(tensor.split(size) for tensor in tensors), strict=True)])

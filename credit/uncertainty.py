@@ -12,6 +12,7 @@ from credit.dataset import Dataset
 from credit.interfaces import RewardModel, Uncertainty
 from credit.rewards.linear import LinearModel
 from credit.streams import Stream, generators
+from credit.tensors import by_replica
 from credit.types import FLOAT, Estimate, NonNegative, NonNegativeInt, Positive, PositiveInt, Problem
 
 
@@ -63,7 +64,10 @@ class Bootstrap(Uncertainty):
 
     def variance(self, model: RewardModel, estimate: Estimate) -> Tensor:
         """Variance over the draws (10)."""
-        spread = estimate.draws - estimate.draws.mean(1, keepdim=True)  # torch.var is several times slower here
+        return by_replica(self._variance, estimate.draws)
+
+    def _variance(self, draws: Tensor) -> Tensor:
+        spread = draws - draws.mean(1, keepdim=True)  # torch.var is several times slower here
         return spread.square_().sum(1) / max(self.draws - self.ddof, 1)
 
     def prior(self, visits: Tensor) -> Tensor:
@@ -72,7 +76,7 @@ class Bootstrap(Uncertainty):
 
     def disagreement(self, reference: Estimate, surrogate: Estimate) -> Tensor:
         """Mean over the draws of the squared gap (9)."""
-        return (reference.draws - surrogate.draws).square().mean(1)
+        return by_replica(lambda a, b: (a - b).square_().mean(1), reference.draws, surrogate.draws)
 
     def _poisson(self, windows: int) -> Tensor:
         ones = torch.ones(self._problem.replicas, 1, dtype=FLOAT, device=self._problem.device)

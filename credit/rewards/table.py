@@ -15,11 +15,11 @@ from credit.types import FLOAT, Estimate, Positive, PositiveInt, Problem, Window
 
 
 class TableModel(RewardModel):
-    """Tabular ridge reference (4) for thousands of pairs, batched over replicas and draws.
+    """Tabular ridge reference (4) for thousands of pairs, batched over draws.
 
     (XᵀWX + λI)θ = XᵀWy is solved after every `observe` by conjugate gradient with a Jacobi preconditioner, from the
     last solution on. Only visited pairs have unknowns (θ is 0 elsewhere), and X is kept as its T indices a window:
-    memory is O(K·(T + B) + visited pairs·B) a replica. A fit stops by itself, and so does not depend on its batch.
+    memory is O(K·(T + B) + visited pairs·B) a replica. Replicas are solved one after the other.
 
     Args:
         name: the model's name in metrics, files and figures.
@@ -45,86 +45,80 @@ class TableModel(RewardModel):
     def start(self, problem: Problem, draws: int) -> None:
         """No pair was visited."""
         self._problem = problem
-        self._fits = 1 + draws
-        self._forget()
-
-    def _forget(self) -> None:
-        problem = self._problem
-        self._column = torch.full((problem.replicas * problem.pairs,), -1, device=problem.device)  # (r, s, a) → unknown
-        self._pairs = torch.zeros(0, dtype=torch.int64, device=problem.device)  # unknown → (r, s, a)
-        self._theta = torch.zeros(0, self._fits, dtype=FLOAT, device=problem.device)
-        self._rows = 0
-        self._index = torch.zeros(1, 0, problem.window, dtype=torch.int64, device=problem.device)
-        self._weights = torch.zeros(1, 0, self._fits, dtype=FLOAT, device=problem.device)
-        self._labels = torch.zeros(1, 0, 1, dtype=FLOAT, device=problem.device)
+        self._fits = [_Fit(problem, 1 + draws) for _ in problem.seeds]
 
     def observe(self, windows: Windows, weights: Tensor) -> None:
         """Add windows [R, K, T] with weights [R, K, 1+B] and solve."""
-        problem = self._problem
-        offset = torch.arange(problem.replicas, device=problem.device).view(-1, 1, 1) * problem.pairs
-        pairs = (windows.pairs(problem.actions) + offset).flatten(0, 1)
-        fresh = torch.unique(pairs[self._column[pairs] < 0])
-        self._column[fresh] = torch.arange(len(self._pairs), len(self._pairs) + len(fresh), device=problem.device)
-        self._pairs = torch.cat([self._pairs, fresh])
-        self._theta = torch.cat([self._theta, self._theta.new_zeros(len(fresh), self._fits)])
-        before, self._rows = self._rows, self._rows + len(pairs)
-        if self._rows > self._index.shape[1]:
-            self._index, self._weights, self._labels = (
-                grown(block, self._rows) for block in (self._index, self._weights, self._labels)
-            )
-        self._index[0, before : self._rows] = self._column[pairs]
-        self._weights[0, before : self._rows] = weights.flatten(0, 1)
-        self._labels[0, before : self._rows, 0] = windows.labels.flatten()
-        self._solve()
+        pairs = windows.pairs(self._problem.actions)
+        for fit, *new in zip(self._fits, pairs, weights, windows.labels, strict=True):
+            fit.add(*new)
+            fit.solve(self.regularization, self.tolerance, self.iterations)
 
     def refit(self, windows: Windows, weights: Tensor) -> None:
-        """Forget everything and fit windows [R, K, T]; the last solution is the first guess."""
-        known, theta = self._pairs, self._theta
-        self._forget()
-        self._column[known] = torch.arange(len(known), device=known.device)
-        self._pairs, self._theta = known, theta
+        """Forget the windows and fit these; the last solution is the first guess."""
+        for fit in self._fits:
+            fit.rows = 0
         self.observe(windows, weights)
 
     def estimate(self) -> Estimate:
         """θ for every pair: the point fit [R, N] and the B draws [R, B, N]."""
-        problem = self._problem
-        table = torch.zeros(self._fits, problem.replicas * problem.pairs, dtype=FLOAT, device=problem.device)
-        table[:, self._pairs] = self._theta.T
-        table = table.view(self._fits, problem.replicas, problem.pairs).transpose(0, 1)
+        table = self._problem.zeros(self._fits[0].theta.shape[1], self._problem.pairs)
+        for rows, fit in zip(table, self._fits, strict=True):
+            rows[:, fit.pairs] = fit.theta.T
         return Estimate(table[:, 0], table[:, 1:])
 
-    def _solve(self) -> None:
-        """Preconditioned conjugate gradient for all replicas and fits at once; a converged fit stands still."""
-        design = Design(self._index[0, : self._rows], len(self._pairs))
-        weights, labels = self._weights[0, : self._rows], self._labels[0, : self._rows]
-        replica = self._pairs // self._problem.pairs
-        shape = (self._problem.replicas, self._fits)
 
-        def dot(first: Tensor, second: Tensor) -> Tensor:
-            """Inner products of every replica and fit, [R, 1+B]."""
-            return first.new_zeros(shape).index_add_(0, replica, first * second)
+class _Fit:
+    """The windows of one replica and its 1 + B solutions; small enough to stay in the processor's cache."""
 
+    def __init__(self, problem: Problem, fits: int) -> None:
+        device = problem.device
+        self._column = torch.full((problem.pairs,), -1, device=device)  # pair → unknown
+        self.pairs = torch.zeros(0, dtype=torch.int64, device=device)  # unknown → pair
+        self.theta = torch.zeros(0, fits, dtype=FLOAT, device=device)
+        self.rows = 0
+        self._index = torch.zeros(1, 256, problem.window, dtype=torch.int64, device=device)
+        self._weights = torch.zeros(1, 256, fits, dtype=FLOAT, device=device)
+        self._labels = torch.zeros(1, 256, 1, dtype=FLOAT, device=device)
+
+    def add(self, pairs: Tensor, weights: Tensor, labels: Tensor) -> None:
+        """Append windows [K, T] with weights [K, 1+B] and labels [K]; pairs seen for the first time become unknowns."""
+        fresh = torch.unique(pairs[self._column[pairs] < 0])
+        self._column[fresh] = torch.arange(len(self.pairs), len(self.pairs) + len(fresh), device=pairs.device)
+        self.pairs = torch.cat([self.pairs, fresh])
+        self.theta = torch.cat([self.theta, self.theta.new_zeros(len(fresh), self.theta.shape[1])])
+        before, self.rows = self.rows, self.rows + len(pairs)
+        if self.rows > self._index.shape[1]:
+            blocks = (self._index, self._weights, self._labels)
+            self._index, self._weights, self._labels = (grown(block, self.rows) for block in blocks)
+        self._index[0, before : self.rows] = self._column[pairs]
+        self._weights[0, before : self.rows] = weights
+        self._labels[0, before : self.rows, 0] = labels
+
+    def solve(self, regularization: float, tolerance: float, iterations: int) -> None:
+        """Preconditioned conjugate gradient for all fits at once; a fit that has converged stands still."""
+        weights, labels = self._weights[0, : self.rows], self._labels[0, : self.rows]
+        design = Design(self._index[0, : self.rows], len(self.pairs))
         target = design.transposed(weights * labels)
-        diagonal = design.transposed(weights).add_(self.regularization)
-        theta = self._theta
-        residual = target - design.transposed(weights * design(theta)) - self.regularization * theta
-        enough = self.tolerance**2 * dot(target, target)
+        diagonal = design.transposed(weights).add_(regularization)
+        theta = self.theta
+        residual = target - design.transposed(weights * design(theta)).add_(theta, alpha=regularization)
+        enough = tolerance**2 * (target * target).sum(0)
         step = residual / diagonal
-        energy = dot(residual, step)
-        for _ in range(self.iterations):
-            active = dot(residual, residual) > enough
+        energy = (residual * step).sum(0)
+        for _ in range(iterations):
+            active = (residual * residual).sum(0) > enough
             if not active.any():
                 break
-            image = design.transposed(weights * design(step)).add_(step, alpha=self.regularization)
-            length = torch.where(active, energy / dot(step, image), 0.0)[replica]
+            image = design.transposed(weights * design(step)).add_(step, alpha=regularization)
+            length = torch.where(active, energy / (step * image).sum(0), 0.0)
             theta = torch.addcmul(theta, length, step)
             residual = torch.addcmul(residual, length, image, value=-1)
             scaled = residual / diagonal
-            following = dot(residual, scaled)
-            ratio = torch.where(active, following / energy, 0.0)[replica]
-            step = torch.addcmul(scaled, ratio, step)
+            following = (residual * scaled).sum(0)
+            step = torch.addcmul(scaled, torch.where(active, following / energy, 0.0), step)
             energy = torch.where(active, following, energy)
-        self._theta = theta
+        self.theta = theta
 
 
 class Design:
