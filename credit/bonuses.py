@@ -51,6 +51,9 @@ class Count(_Shrinking):
         lambda_visits: λ added to the visits.
     """
 
+    def __init__(self, scale: NonNegative = 0.35, lambda_visits: Positive = 1.0) -> None:
+        super().__init__(scale, lambda_visits)
+
     def __call__(self, recovery: Recovery, reference: RewardModel) -> Tensor:
         """c/√(λ + N)."""
         return self.scale * shrink(recovery.visits, self.lambda_visits)
