@@ -1,4 +1,4 @@
-"""Equations (1) and (24): what a label is."""
+"""Equations (1) and (24), section 6.2: what a label is."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ from collections.abc import Callable
 
 import torch
 
-from credit.feedback import BlockSum
+from credit.feedback import BlockSum, Terminal
+from credit.interfaces import Feedback
 from credit.types import Problem
 
 
-def labels(problem: Problem, feedback: BlockSum, rewards: torch.Tensor) -> torch.Tensor:
+def labels(problem: Problem, feedback: Feedback, rewards: torch.Tensor) -> torch.Tensor:
     feedback.start(problem)
     return feedback(rewards)
 
@@ -36,3 +37,22 @@ def test_noise_depends_on_seed_and_number_of_the_window_alone(make_problem: Call
     alone.start(make_problem((5,)))
     pieces = [alone(rewards[1:2, :1]), alone(rewards[1:2, 1:4]), alone(rewards[1:2, 4:])]
     assert torch.equal(torch.cat(pieces, dim=1)[0], batch[1])
+
+
+def test_a_terminal_label_is_the_last_reward(make_problem: Callable[..., Problem]) -> None:
+    rewards = torch.tensor([[[1.0, 2.0, 3.0], [0.5, -0.5, 0.25]], [[0, 0, -1.0], [9.0, 9.0, 0]]], dtype=torch.float64)
+    found = labels(make_problem((0, 1)), Terminal(3), rewards)
+    assert found.tolist() == [[3.0, 0.25], [-1.0, 0.0]]
+    assert (BlockSum.additive, Terminal.additive) == (True, False)
+
+
+def test_a_terminal_label_has_no_noise_and_no_memory(make_problem: Callable[..., Problem]) -> None:
+    rewards = torch.rand(1, 4, 5, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    feedback = Terminal()
+    assert feedback.window == 5
+    first, again = labels(make_problem(), feedback, rewards), feedback(rewards)
+    assert torch.equal(first, rewards[..., 4])
+    assert torch.equal(first, again)
+    earlier = rewards.clone()
+    earlier[..., :4] = torch.nan
+    assert torch.equal(feedback(earlier), first)

@@ -32,6 +32,7 @@ class Measure:
 MEASURES = (
     Measure("regret/cumulative", "Final regret", "Cumulative regret"),
     Measure("eval/success", "Success rate", "Success rate", lower_is_better=False),
+    Measure("regret/share", "Share of random's", "Regret as a share of that of random actions"),
     Measure("regret/auc", "AUC regret", "Area under the regret curve"),
     Measure("policy/error", "Policy error", "Policy error"),
     Measure("reward/mse", "Mixed reward MSE", "Mixed reward MSE"),

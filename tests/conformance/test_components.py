@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -24,14 +25,17 @@ from credit.interfaces import (
     Optimizer,
     RewardModel,
     TransitionModel,
+    TransitionTable,
     Uncertainty,
 )
+from credit.optimizers.random import Random
 from credit.rewards.linear import all_pairs
 from credit.trainer import Trainer
 from credit.types import Problem, Windows
 
 MakeWindows = Callable[..., Windows]
 SIGNED = {"thompson"}  # a posterior draw lies on either side of the mean
+EXPERIMENTS = sorted(registry.options("experiment"))
 FILES = [(kind, name) for kind in registry.KINDS for name in registry.options(kind)]
 
 
@@ -53,6 +57,17 @@ def selection(kind: str, name: str) -> list[str]:
         "bonus": [f"bonus=[{name}]"],
         "tracking": [f"tracking={name}"],
     }.get(kind, [f"{kind}={name}"])
+
+
+@cache
+def of_experiment(experiment: str, *overrides: str) -> dict[str, Any]:
+    """The whole configuration of an experiment; not to be changed."""
+    return registry.compose(["tracking=none", f"experiment={experiment}", *overrides])
+
+
+@cache
+def fits(experiment: str, *overrides: str) -> bool:
+    return not job.check(of_experiment(experiment, *overrides)).problems
 
 
 @cache
@@ -95,6 +110,25 @@ def trained(problem: Problem, make_windows: MakeWindows, *overrides: str) -> tup
     return assigner, dataset
 
 
+@cache
+def experienced(experiment: str) -> tuple[Problem, Windows, Dataset]:
+    """The problem of an experiment with two replicas, and 15 windows of random actions in it."""
+    config = of_experiment(experiment)
+    env, feedback, random = schema.build(config, "env"), schema.build(config, "feedback"), Random()
+    problem = env.problem(feedback.window, (3, 4), "cpu")
+    for part in (env, feedback, random):
+        part.start(problem)
+    windows, _ = env.collect(random.act, feedback, 15, problem.window)
+    dataset = Dataset(problem, 15)
+    dataset.append(windows)
+    return problem, windows, dataset
+
+
+def rows(windows: Windows, which: slice) -> Windows:
+    parts = (windows.states, windows.actions, windows.next_states, windows.labels)
+    return Windows(*(part[:, which] for part in parts))
+
+
 @pytest.mark.parametrize(("kind", "name"), FILES)
 def test_class_kind_and_words(kind: str, name: str) -> None:
     assert registry.describe_file(registry.options(kind)[name])
@@ -123,18 +157,35 @@ def test_every_parameter_is_documented(kind: str, name: str) -> None:
             assert f"{parameter}:" in (cls.__doc__ or ""), parameter
 
 
+@cache
+def written() -> dict[type, dict[str, list[Any]]]:
+    """Class → parameter → the values that its files give it; of `${tuned.x}` those of every experiment."""
+    base, *experiments = [registry.conf_dir() / "config.yaml", *registry.options("experiment").values()]
+    defaults = _yaml(base)["tuned"]
+    tuned = [defaults | _yaml(path).get("tuned", {}) for path in experiments]
+    found: dict[type, dict[str, list[Any]]] = {}
+    for kind, name in FILES:
+        node = _yaml(registry.options(kind)[name])
+        if "_target_" not in node:
+            continue
+        values = found.setdefault(schema.resolve(name, node), {})
+        for key, value in node.items():
+            reference = re.fullmatch(r"\$\{tuned\.(\w+)\}", str(value))
+            values.setdefault(key, []).extend([keys[reference[1]] for keys in tuned] if reference else [value])
+    return found
+
+
+def _yaml(path: Path) -> dict[str, Any]:
+    return yaml.safe_load(path.read_text(encoding="utf-8")) or {}
+
+
 @pytest.mark.parametrize(("kind", "name"), FILES)
-def test_defaults_of_constructor_and_file_agree(kind: str, name: str) -> None:
-    """The file named like the class's own settings; a variant (with a base in its defaults list) may differ."""
-    text = registry.options(kind)[name].read_text(encoding="utf-8")
-    bases = (yaml.safe_load(text) or {}).get("defaults", [])
-    if any(isinstance(base, str) and base != "_self_" for base in bases):
-        return
-    for cls, node in zip(classes(kind, name), nodes(kind, name).values(), strict=True):
+def test_a_default_of_the_constructor_is_that_of_a_file(kind: str, name: str) -> None:
+    for cls in classes(kind, name):
         for parameter, (_, default) in schema.signature(cls).items():
-            if parameter in node and default is not schema.REQUIRED and parameter != "name":
-                value = tuple(node[parameter]) if isinstance(default, tuple) else node[parameter]
-                assert value == default, parameter
+            values = written().get(cls, {}).get(parameter)
+            if values and default is not schema.REQUIRED and parameter != "name":
+                assert (list(default) if isinstance(default, tuple) else default) in values, parameter
 
 
 def keys_without_comment(path: Path) -> list[str]:
@@ -250,25 +301,31 @@ def test_feedbacks(problem: Problem, name: str) -> None:
     assert torch.isfinite(labels).all()
 
 
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
 @pytest.mark.parametrize("name", options("transition"))
-def test_transition_models(problem: Problem, make_windows: MakeWindows, name: str) -> None:
-    model = built("transition", name)
-    assert isinstance(model, TransitionModel)
-    model.start(problem)
-    windows = make_windows(problem, 8)
-    near = (windows.states + windows.next_states % 3 - 1).clamp(0, 9)  # as on a line
-    for step in (lambda: None, lambda: model.observe(Windows(windows.states, windows.actions, near, windows.labels))):
-        step()
-        found = model.probabilities()
-        assert found.shape == (2, 10, 3, 10)
-        assert (found >= 0).all()
-        total = found.sum(-1)
+def test_transition_models(name: str, experiment: str) -> None:
+    problem, windows, _ = experienced(experiment)
+    if issubclass(classes("transition", name)[0], TransitionTable) and problem.pairs * problem.states > 10**6:
+        pytest.skip("too large to be written out")
+    if not fits(experiment, f"transition={name}"):
+        pytest.skip("does not go with this experiment")
+    values = torch.rand(2, problem.states, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    models = [schema.build(of_experiment(experiment, f"transition={name}"), "transition") for _ in range(2)]
+    for model in models:
+        assert isinstance(model, TransitionModel)
+        model.start(problem)
+    for seen in (False, True):
+        if seen:
+            models[0].observe(windows)
+        total = models[0].backup(torch.ones_like(values))
+        assert total.shape == (2, problem.states, problem.actions)
         assert ((total - 1).abs().lt(1e-9) | total.eq(0)).all()
-    again = built("transition", name)
-    again.start(problem)
-    again.observe(Windows(windows.states[:, :5], windows.actions[:, :5], near[:, :5], windows.labels[:, :5]))
-    again.observe(Windows(windows.states[:, 5:], windows.actions[:, 5:], near[:, 5:], windows.labels[:, 5:]))
-    torch.testing.assert_close(again.probabilities(), found)
+        found = models[0].backup(values)
+        assert ((found >= 0) & (found <= values.amax() + 1e-9)).all()
+        torch.testing.assert_close(models[0].backup(2 * values + 1), 2 * found + total)
+    for piece in (slice(0, 10), slice(10, 15)):
+        models[1].observe(rows(windows, piece))
+    torch.testing.assert_close(models[1].backup(values), found)
 
 
 @pytest.mark.parametrize("name", options("assigner"))
@@ -282,23 +339,32 @@ def test_assigners(problem: Problem, make_windows: MakeWindows, name: str) -> No
         torch.testing.assert_close(rewards.sum(-1), dataset.windows.labels)
 
 
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
 @pytest.mark.parametrize("name", options("optimizer"))
-def test_optimizers(problem: Problem, make_windows: MakeWindows, name: str) -> None:
-    optimizer = built("optimizer", name)
+def test_optimizers(name: str, experiment: str) -> None:
+    if not fits(experiment, f"optimizer={name}"):
+        pytest.skip("does not go with this experiment")
+    problem, _, dataset = experienced(experiment)
+    config = of_experiment(experiment, f"optimizer={name}")
+    optimizer, assigner = schema.build(config, "optimizer"), schema.build(config, "assigner")
     assert isinstance(optimizer, Optimizer)
-    assigner, dataset = trained(problem, make_windows, "method=disagreement")
+    assigner.start(problem)
+    assigner.observe(dataset)
     optimizer.start(problem)
+    by_state, by_step = (2, problem.states), (2, problem.window, problem.states)
     for learned in (False, True):
         if learned:
             optimizer.improve(dataset, assigner)
         for step in range(problem.window):
-            actions = optimizer.act(torch.tensor([step, 9 - step]), step)
+            actions = optimizer.act(torch.tensor([step, problem.states - 1 - step]), step)
             assert actions.shape == (2,)
             assert actions.dtype == torch.int64
-            assert ((actions >= 0) & (actions < 3)).all()
+            assert ((actions >= 0) & (actions < problem.actions)).all()
         for policy in optimizer.policies().values():
-            assert policy.shape == (2, 10)
-            assert ((policy >= 0) & (policy < 3)).all()
+            assert policy.shape in (by_state, by_step)
+            assert ((policy >= 0) & (policy < problem.actions)).all()
+        if schema.resolve("env", of_experiment(experiment)["env"]).setting == "episodic":
+            assert optimizer.executed().shape in (by_step, (*by_step, problem.actions))
 
 
 @pytest.mark.parametrize("name", options("env"))
@@ -306,6 +372,7 @@ def test_environments(name: str) -> None:
     config = composed("env", name)
     env, feedback = schema.build(config, "env"), schema.build(config, "feedback")
     assert isinstance(env, Environment)
+    assert "any" not in (env.domain, env.setting)  # the check could not tell what fits
     problem = env.problem(feedback.window, (0, 1, 2), "cpu")
     assert problem.replicas == 3
     env.start(problem)
@@ -316,8 +383,10 @@ def test_environments(name: str) -> None:
     assert windows.primitive is None
     for part in (windows.states, windows.next_states):
         assert ((part >= 0) & (part < problem.states)).all()
-    oracle = env.oracle(problem)
-    oracle.update(primitive, windows.labels)
+    oracle, random = env.oracle(problem, feedback), Random()
+    random.start(problem)
+    oracle.update(primitive, windows.labels, random)
+    assert oracle.truth.shape == (problem.pairs,)
     values = oracle.metrics({}, None)
     assert values
     assert all(value.shape == (3,) for value in values.values())
@@ -338,15 +407,37 @@ def test_methods_run(name: str) -> None:
         assert all(value.shape == (2,) and torch.isfinite(value).all() for value in values.values()), values
 
 
-@pytest.mark.parametrize("name", sorted(registry.options("experiment")))
-def test_experiments_compose_with_every_method(name: str) -> None:
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_an_experiment_takes_every_method_or_says_why_not(name: str) -> None:
+    taken = []
     for method in registry.options("method"):
         config = registry.compose(["tracking=none", f"experiment={name}", f"method={method}"])
-        assert job.check(config).problems == []
         assert (config["experiment"], config["method"]) == (name, method)
+        found = job.check(config).problems
+        assert all("environments only, and env is the" in problem or " needs a" in problem for problem in found), found
+        taken += [] if found else [method]
+    assert {"reference", "adaptive_mse", "disagreement", "random", "oracle"} <= set(taken)
+
+
+@pytest.mark.parametrize("feedback", ["block_sum", "terminal"])
+@pytest.mark.parametrize("method", ["reference", "adaptive_mse", "disagreement", "random", "oracle"])
+def test_methods_run_in_episodes(method: str, feedback: str) -> None:
+    overrides = [f"method={method}", f"feedback={feedback}", "trainer.steps=150", "trainer.windows_per_round=10"]
+    config = of_experiment("sepsis", *overrides, "trainer.log_every=10")
+    trainer: Trainer = schema.build(config, "trainer")
+    trainer.start((0, 1))
+    rows: list[dict[str, torch.Tensor]] = []
+    trainer.run(lambda step, values: rows.append(values))
+    assert len(trainer.dataset) == 30
+    assert len(rows) == 3
+    for values in rows:
+        assert all(value.shape == (2,) and torch.isfinite(value).all() for value in values.values()), values
 
 
 @pytest.mark.parametrize("kind", sorted(registry.CHOICES))
 def test_choices_compose(kind: str) -> None:
+    """Every choice goes with one experiment at least."""
     for name in registry.options(kind):
-        assert job.check(registry.compose(["tracking=none", f"{kind}={name}"])).problems == []
+        experiments = [name] if kind == "experiment" else EXPERIMENTS
+        choice = () if kind == "experiment" else (f"{kind}={name}",)
+        assert any(fits(experiment, *choice) for experiment in experiments), name

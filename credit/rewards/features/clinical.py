@@ -22,10 +22,9 @@ class Clinical(FeatureMap):
 
     def __call__(self, steps: Steps) -> Tensor:
         """Features [..., 5]; intensity is the number of treatments in the action."""
-        wrong, treated, intensity = abnormal(steps.states), treatments(steps.states), treatments(steps.actions)
-        diabetes = decode(steps.states)[..., 0]
-        parts = (torch.ones_like(wrong), wrong / 4, treated / 3, intensity / 3, diabetes)
-        return torch.stack([part.to(FLOAT) for part in parts], dim=-1)
+        diabetes, wrong = decode(steps.states)[..., 0], abnormal(steps.states)
+        parts = (torch.ones_like(wrong), wrong, treatments(steps.states), treatments(steps.actions), diabetes)
+        return torch.stack(parts, dim=-1) / torch.tensor([1, 4, 3, 3, 1], dtype=FLOAT, device=wrong.device)
 
 
 class HealthRegime(FeatureMap):
