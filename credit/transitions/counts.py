@@ -7,9 +7,12 @@ from typing import ClassVar, Literal
 import torch
 from torch import Tensor
 
+from credit.errors import UserError
 from credit.interfaces import TransitionModel, TransitionTable
 from credit.tensors import grown
 from credit.types import FLOAT, NonNegative, Problem, Windows
+
+LARGEST = 1_000_000  # entries of P̂
 
 
 class Counts(TransitionTable):
@@ -36,6 +39,7 @@ class Counts(TransitionTable):
 
     def start(self, problem: Problem) -> None:
         """Only the pseudo-counts."""
+        require_small(problem)
         self._problem = problem
         rows = prior_rows(self.prior, problem.states, problem.device)
         self._counts = problem.zeros(problem.states, problem.actions, problem.states)
@@ -96,6 +100,20 @@ def prior_rows(prior: str, states: int, device: torch.device) -> Tensor:
     elif prior == "uniform":
         rows[:] = 1 / states
     return rows
+
+
+def require_small(problem: Problem) -> None:
+    """Refuse to write P̂ out where it would fill the memory.
+
+    Raises:
+        UserError: S·A·S is above a million.
+    """
+    size = problem.pairs * problem.states
+    if size > LARGEST:
+        raise UserError(
+            f"transition: P̂ of {problem.states} states and {problem.actions} actions has {size} entries a replica, at "
+            f"most {LARGEST} are written out; choose transition=observed_counts or transition=mixture"
+        )
 
 
 def count(counts: Tensor, windows: Windows, problem: Problem) -> None:

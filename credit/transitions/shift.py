@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from credit.interfaces import TransitionTable
-from credit.transitions.counts import count
+from credit.transitions.counts import count, require_small
 from credit.types import FLOAT, Positive, Problem, Windows
 
 
@@ -32,6 +32,7 @@ class ShiftMixture(TransitionTable):
 
     def start(self, problem: Problem) -> None:
         """Only the pseudo-counts."""
+        require_small(problem)
         self._problem = problem
         self._counts = problem.zeros(problem.states, problem.actions, problem.states)
         self._shifts = problem.zeros(problem.actions, 3) + self.shift_counts / 3

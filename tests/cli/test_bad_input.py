@@ -48,6 +48,14 @@ CASES = {
         (TRAIN, "method=block", "feedback.window=20"),
         ["feedback.window=20", "100000"],
     ),
+    "a table that fills the memory": (
+        (TRAIN, "experiment=sepsis", "transition=counts"),
+        ["1296 states", "transition=observed_counts"],
+    ),
+    "a continuing planner in episodes": (
+        (TRAIN, "experiment=sepsis", "method=delayed"),
+        ["QLearning works on continuing environments only", "episodic Sepsis"],
+    ),
     "shorter than a window": ((TRAIN, "trainer.steps=3"), ["trainer.steps=3", "feedback.window=7"]),
     "output is a file": ((TRAIN, "output=/dev/null/x"), ["output='/dev/null/x'", "/dev/null"]),
     "output cannot be made": ((TRAIN, "output=/proc/x"), ["output='/proc/x'", "not writable"]),
