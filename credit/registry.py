@@ -45,7 +45,9 @@ class Kind:
 KINDS = {
     "env": Kind("credit.interfaces:Environment", ("env",), "where steps happen"),
     "feedback": Kind("credit.interfaces:Feedback", ("feedback",), "what a label is"),
-    "reward": Kind("credit.interfaces:RewardModel", ("reference", "surrogates"), "reward models"),
+    "reward": Kind(
+        "credit.interfaces:RewardModel", ("reference", "surrogates"), "reward@reference=…, +reward@surrogates.NAME=…"
+    ),
     "features": Kind("credit.interfaces:FeatureMap", (), "what a reward model looks at"),
     "uncertainty": Kind("credit.interfaces:Uncertainty", ("uncertainty",), "how far a fit can be trusted"),
     "mixer": Kind("credit.interfaces:Mixer", ("mixer",), "MSE proxies → weights of the models"),
