@@ -46,7 +46,9 @@ KINDS = {
     "env": Kind("credit.interfaces:Environment", ("env",), "where steps happen"),
     "feedback": Kind("credit.interfaces:Feedback", ("feedback",), "what a label is"),
     "reward": Kind(
-        "credit.interfaces:RewardModel", ("reference", "surrogates"), "reward@reference=…, +reward@surrogates.NAME=…"
+        "credit.interfaces:RewardModel",
+        ("reference", "surrogates"),
+        "reward models: reward@reference=…, +reward@surrogates.NAME=…",
     ),
     "features": Kind("credit.interfaces:FeatureMap", (), "what a reward model looks at"),
     "uncertainty": Kind("credit.interfaces:Uncertainty", ("uncertainty",), "how far a fit can be trusted"),
