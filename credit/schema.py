@@ -8,8 +8,6 @@ root; what it does not reach is not built.
 from __future__ import annotations
 
 import importlib
-import inspect
-import types
 import typing
 from collections.abc import Mapping
 from functools import cache
@@ -20,10 +18,10 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from credit.component import Component
 from credit.errors import UserError, nearest
+from credit.signatures import REQUIRED, component_kind, describe, signature, takes_several
 
 ENTRY_POINTS = "credit.components"
 STRICT = ConfigDict(strict=True, allow_inf_nan=False)
-REQUIRED = inspect.Parameter.empty
 
 
 class Check:
@@ -229,30 +227,6 @@ def allowed_packages() -> frozenset[str]:
     return frozenset({"credit", *(point.module.split(".")[0] for point in entry_points(group=ENTRY_POINTS))})
 
 
-@cache
-def signature(cls: type) -> dict[str, tuple[Any, Any]]:
-    """Constructor parameters: name → (type hint, default or REQUIRED)."""
-    constructor = inspect.getattr_static(cls, "__init__")
-    if constructor is object.__init__:
-        return {}
-    hints = typing.get_type_hints(constructor, include_extras=True)
-    parameters = inspect.signature(cls).parameters
-    return {name: (hints.get(name, Any), parameter.default) for name, parameter in parameters.items()}
-
-
-def component_kind(hint: Any) -> type[Component] | None:
-    """The component class that a parameter wants: itself, `X | None`, or the values of a mapping."""
-    for part in (hint, *typing.get_args(hint)):
-        if isinstance(part, type) and issubclass(part, Component):
-            return part
-    return None
-
-
-def takes_several(hint: Any) -> bool:
-    """Whether a parameter wants components by name, `Mapping[str, X]`."""
-    return isinstance(typing.get_origin(hint), type) and issubclass(typing.get_origin(hint), Mapping)
-
-
 def members(config: Mapping[str, Any], slot: str) -> dict[str, Any]:
     """Path → node of a slot: one entry for a component, one a name for a group, none where the slot is empty."""
     value = config.get(slot)
@@ -274,28 +248,3 @@ def at(config: Mapping[str, Any], path: str) -> Any:
     for key in path.split("."):
         node = node[key]
     return node
-
-
-def describe(hint: Any) -> str:
-    """A type hint as a user would say it: `float > 0`, `one of random, lexicographic`."""
-    origin, inner = typing.get_origin(hint), typing.get_args(hint)
-    if origin is typing.Annotated:
-        return " ".join([describe(inner[0]), *_limits(inner[1:])])
-    if origin is typing.Literal:
-        return "one of " + ", ".join(str(value) for value in inner)
-    if origin in (typing.Union, types.UnionType):
-        return " or ".join(describe(part) for part in inner)
-    if origin is not None and inner:
-        return f"list of {describe(inner[0])}"
-    return "null" if hint is type(None) else str(getattr(hint, "__name__", hint))
-
-
-def _limits(limits: tuple[Any, ...]) -> list[str]:
-    signs = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
-    found = [
-        f"{sign} {getattr(limit, name)}"
-        for limit in limits
-        for name, sign in signs.items()
-        if getattr(limit, name, None) is not None
-    ]
-    return [" and ".join(found)] if found else []

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import yaml
 
-from credit import registry, schema
+from credit import registry, schema, signatures
 from credit.errors import UserError, nearest
 from launch.cli import guarded
 from launch.common import Words
@@ -38,11 +38,11 @@ def parameters(path: Path) -> list[str]:
     node = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
     if "_target_" not in node:  # a variant of another file
         return [f"{key} = {shown(value)}" for key, value in node.items() if key != "defaults"]
-    hints = schema.signature(schema.resolve(str(path), node))
+    hints = signatures.signature(schema.resolve(str(path), node))
     return [
-        f"{name} = {shown(node.get(name, default))}   ({schema.describe(hint)})"
+        f"{name} = {shown(node.get(name, default))}   ({signatures.describe(hint)})"
         for name, (hint, default) in hints.items()
-        if schema.component_kind(hint) is None
+        if signatures.component_kind(hint) is None
     ]
 
 

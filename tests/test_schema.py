@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import pytest
 from annotated_types import Ge, Gt, Interval
 
-from credit import schema
+from credit import schema, signatures
 from credit.component import Component
 from credit.errors import UserError, nearest
 
@@ -359,7 +359,7 @@ def test_only_announced_packages_may_be_built() -> None:
     ],
 )
 def test_hints_in_words(hint: Any, words: str) -> None:
-    assert schema.describe(hint) == words
+    assert signatures.describe(hint) == words
 
 
 def test_nearest_names() -> None:

@@ -13,7 +13,7 @@ import pytest
 import torch
 import yaml
 
-from credit import job, registry, schema
+from credit import job, registry, schema, signatures
 from credit.dataset import Dataset
 from credit.interfaces import (
     Bonus,
@@ -143,17 +143,17 @@ def test_class_kind_and_words(kind: str, name: str) -> None:
 def test_every_parameter_has_a_value_and_every_key_a_parameter(kind: str, name: str) -> None:
     slots = {slot for other in registry.KINDS.values() for slot in other.slots}
     for cls, node in zip(classes(kind, name), nodes(kind, name).values(), strict=True):
-        parameters = schema.signature(cls)
+        parameters = signatures.signature(cls)
         assert node.keys() - {"_target_"} <= parameters.keys()
         for parameter, (hint, default) in parameters.items():
-            assert parameter in node or default is not schema.REQUIRED or parameter in slots, parameter
+            assert parameter in node or default is not signatures.REQUIRED or parameter in slots, parameter
             assert hint is not Any, f"{parameter} has no type hint"
 
 
 @pytest.mark.parametrize(("kind", "name"), FILES)
 def test_every_parameter_is_documented(kind: str, name: str) -> None:
     for cls in classes(kind, name):
-        for parameter in schema.signature(cls):
+        for parameter in signatures.signature(cls):
             assert f"{parameter}:" in (cls.__doc__ or ""), parameter
 
 
@@ -182,9 +182,9 @@ def _yaml(path: Path) -> dict[str, Any]:
 @pytest.mark.parametrize(("kind", "name"), FILES)
 def test_a_default_of_the_constructor_is_that_of_a_file(kind: str, name: str) -> None:
     for cls in classes(kind, name):
-        for parameter, (_, default) in schema.signature(cls).items():
+        for parameter, (_, default) in signatures.signature(cls).items():
             values = written().get(cls, {}).get(parameter)
-            if values and default is not schema.REQUIRED and parameter != "name":
+            if values and default is not signatures.REQUIRED and parameter != "name":
                 assert (list(default) if isinstance(default, tuple) else default) in values, parameter
 
 
