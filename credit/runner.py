@@ -77,9 +77,13 @@ def run(overrides: Sequence[str] = (), *, config_dirs: Sequence[str] = (), progr
     session.start("job", job.experiment, f"credit.run({list(overrides)!r})", config["tracking"])
     tracking = schema.build(config, "tracking")
     tracking.start(session.folder, job.folder)
-    result = run_job(config, list(overrides), session, 0, progress)
-    session.finish(result.status)
-    tracking.finish()
+    status = "KILLED"
+    try:
+        result = run_job(config, list(overrides), session, 0, progress)
+        status = result.status
+    finally:
+        session.finish(status)
+        tracking.finish()
     return result
 
 

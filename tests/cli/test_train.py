@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import credit as package
 
 SHORT = ("trainer.steps=700", "trainer.log_every=20", "tracking=none")
@@ -70,6 +72,17 @@ def test_python_returns_the_metrics_of_all_seeds(folder):
     assert again.metrics["regret/cumulative"].shape == (3,)
     assert again.metrics["regret/cumulative"][:2].tolist() == first.tolist()
     assert package.load(again.folders[2]).summary["seed"] == 2
+
+
+def test_an_interrupted_call_from_python_leaves_no_running_session(folder):
+    def interrupt(title: str, steps: int, total: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        package.run(["method=random", "replicas=1", *SHORT], progress=interrupt)
+    session = next((folder / "outputs/sessions").iterdir())
+    for name in ("session.json", "job-0.json"):
+        assert json.loads((session / name).read_text())["status"] == "KILLED"
 
 
 def test_a_seed_alone_equals_the_seed_in_a_batch(credit, folder):
