@@ -1,0 +1,184 @@
+"""The trajectories that all methods start from (section 6.3): successes, partial ones and failures, with one label each."""
+
+from __future__ import annotations
+
+import hashlib
+import zlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path as File
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from tensordict import TensorDict
+
+from credit.envs.pointmaze.controllers import Controller, Path
+from credit.envs.pointmaze.task import Task
+from credit.errors import UserError
+
+SUCCESS, PARTIAL, FAILURE, UNKNOWN = KINDS = ("success", "partial", "failure", "unknown")
+ATTEMPTS = 50  # trajectories that are driven for one that is kept
+
+
+@dataclass(frozen=True)
+class Demonstrations:
+    """K trajectories of N steps in all, one behind the other.
+
+    Attributes:
+        states, next_states: x, y, vx, vy, float32 [N, 4]. actions: float32 [N, 2].
+        terminated: whether a step arrives at the goal, bool [N].
+        lengths: L_i, int64 [K]. labels: Y_i (27), float32 [K]. kinds: how each was made, one of KINDS, str [K].
+    """
+
+    states: NDArray[np.float32]
+    actions: NDArray[np.float32]
+    next_states: NDArray[np.float32]
+    terminated: NDArray[np.bool_]
+    lengths: NDArray[np.int64]
+    labels: NDArray[np.float32]
+    kinds: NDArray[np.str_]
+
+    @classmethod
+    def of(cls, paths: Sequence[Path], kinds: Iterable[str]) -> Demonstrations:
+        """Line up trajectories; each is terminated on its last step if it is a success."""
+        empty = np.zeros((1, 4), np.float32)
+        ends = [np.arange(len(p.actions)) == (len(p.actions) - 1 if p.success else -1) for p in paths]
+        return cls(
+            states=np.concatenate([p.states[:-1] for p in paths] or [empty[:0]]),
+            actions=np.concatenate([p.actions for p in paths] or [empty[:0, :2]]),
+            next_states=np.concatenate([p.states[1:] for p in paths] or [empty[:0]]),
+            terminated=np.concatenate([*ends, np.zeros(0, bool)]).astype(bool),
+            lengths=np.array([len(p.actions) for p in paths], np.int64),
+            labels=np.array([p.success for p in paths], np.float32),
+            kinds=np.array(list(kinds), "U7"),
+        )
+
+    def __len__(self) -> int:
+        """K."""
+        return len(self.lengths)
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether all labels are equal, so that nothing tells good steps from bad ones."""
+        return len(np.unique(self.labels)) < 2
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 over names, types, shapes and values of all fields."""
+        state = hashlib.sha256()
+        for field in fields(self):
+            values = np.ascontiguousarray(getattr(self, field.name))
+            values = values.astype(values.dtype.newbyteorder("<"))
+            state.update(f"{field.name} {values.dtype.str} {values.shape};".encode())
+            state.update(values.tobytes())
+        return state.hexdigest()
+
+    def rows(self, first_id: int = 0) -> TensorDict:
+        """The steps [N] with the keys of a collector's batch; the reward is NaN, for none was recorded."""
+        ids = np.repeat(first_id + np.arange(len(self)), self.lengths)
+        last = np.zeros(len(self.states), dtype=bool)
+        last[np.cumsum(self.lengths) - 1] = True
+        ends = {"success": self.terminated, "done": last, "terminated": self.terminated}
+        ends["truncated"] = last & ~self.terminated
+        return TensorDict(
+            {
+                "observation": torch.from_numpy(self.states),
+                "action": torch.from_numpy(self.actions),
+                "next": {
+                    "observation": torch.from_numpy(self.next_states),
+                    "reward": torch.full((len(last), 1), torch.nan),
+                    **{key: torch.from_numpy(flag).unsqueeze(-1) for key, flag in ends.items()},
+                },
+                "collector": {"traj_ids": torch.from_numpy(ids)},
+            },
+            [len(last)],
+        )
+
+    def save(self, file: str | File) -> None:
+        """Write a .npz file without pickled objects."""
+        with open(file, "wb") as stream:
+            np.savez(stream, allow_pickle=False, **{f.name: getattr(self, f.name) for f in fields(self)})
+
+    @classmethod
+    def load(cls, file: str | File) -> Demonstrations:
+        """Read what `save` wrote.
+
+        Raises:
+            UserError: no such file, or one with other contents.
+        """
+        names = [field.name for field in fields(cls)]
+        try:
+            with np.load(file, allow_pickle=False) as archive:
+                arrays = {name: archive[name] for name in names}
+        except FileNotFoundError:
+            raise UserError(f"demonstrations {file}: there is no such file") from None
+        except (KeyError, ValueError, OSError) as error:
+            raise UserError(f"demonstrations {file} cannot be read ({error}); expected .npz with {names}") from None
+        return cls(**arrays)
+
+
+def make(
+    task: Task,
+    successes: int = 10,
+    partials: int = 10,
+    failures: int = 10,
+    seed: int = 0,
+    controller: Controller | None = None,
+) -> Demonstrations:
+    """Drive demonstrations; the j-th of a kind depends on the seed, its kind and j, not on how many there are.
+
+    A success follows the way-points to the goal; a partial one follows 2 to P − 2 of the P way-points (2 to 8 of 10 in
+    Medium) and goes on at random; a failure is random from the start. One that ends otherwise is driven again.
+
+    Raises:
+        UserError: no trajectory of the wanted kind in ATTEMPTS attempts.
+    """
+    moves = len(task.path) - 1
+    most = max(moves - 2, 0)
+    legs = {SUCCESS: (moves, moves), PARTIAL: (min(2, most), most), FAILURE: (0, 0)}
+    paths: list[Path] = []
+    kinds: list[str] = []
+    for kind, count in ((SUCCESS, successes), (PARTIAL, partials), (FAILURE, failures)):
+        paths += _driven(task, kind, legs[kind], count, seed, controller or Controller())
+        kinds += [kind] * count
+    return Demonstrations.of(paths, kinds)
+
+
+def describe(demonstrations: Demonstrations) -> str:
+    """What reward models can learn from these labels."""
+    count, successes = len(demonstrations), int(demonstrations.labels.sum())
+    if count == 0:
+        return "There are no demonstrations: reward models know nothing until trajectories have been collected."
+    listing = f"{count} demonstrations, {successes} of them successful ({len(demonstrations.states)} steps)"
+    if successes == 0:
+        return (
+            f"{listing}: all labels are 0, which a reward of 0 everywhere fits without error. Reward models cannot learn "
+            "where the goal is; until exploration finds it, the policy follows bonuses and entropy alone."
+        )
+    if successes == count:
+        return (
+            f"{listing}: all labels are 1, which 1/L on every step fits. Reward models learn to share a success among "
+            "its steps, but not which steps fail to lead to one; every place that was visited looks good."
+        )
+    return f"{listing}: reward models can learn what sets successful trajectories apart from the others."
+
+
+def _driven(
+    task: Task, kind: str, legs: tuple[int, int], count: int, seed: int, controller: Controller
+) -> list[Path]:
+    key = zlib.crc32(f"demonstrations {kind}".encode())
+    noise = [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(key, j))) for j in range(count)]
+    kept: dict[int, Path] = {}
+    for _ in range(ATTEMPTS):
+        pending = [j for j in range(count) if j not in kept]
+        if not pending:
+            return [kept[j] for j in range(count)]
+        wanted = [int(noise[j].integers(legs[0], legs[1] + 1)) for j in pending]
+        driven = controller.drive(task, wanted, [noise[j] for j in pending])
+        kept |= {j: path for j, path in zip(pending, driven, strict=True) if path.success == (kind == SUCCESS)}
+    what = "did not reach the goal" if kind == SUCCESS else "reached the goal by chance"
+    raise UserError(
+        f"demonstrations: {count - len(kept)} of {count} of kind {kind} {what} in {ATTEMPTS} attempts within "
+        f"horizon={task.horizon}; ask for fewer, or change the horizon, the maze or its goal"
+    )
