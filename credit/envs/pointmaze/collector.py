@@ -77,25 +77,27 @@ class RoundCollector(Collector):
                 env.push(action.numpy())
                 states.append(balls.states.copy())
                 actions.append(action)
-        path = np.stack(states, axis=1)  # [n, T + 1, 4]
-        step = np.arange(1, path.shape[1])
-        last = step == balls.elapsed[:, None]
-        success, truncated = last & balls.reached[:, None], last & (step >= env.task.horizon)
-        kept = torch.from_numpy(step <= balls.elapsed[:, None])
+        path, step = np.stack(states), np.arange(1, len(states))[:, None]  # [T + 1, n, 4], [T, 1]
+        last = step == balls.elapsed
+        success, truncated = last & balls.reached, last & (step >= env.task.horizon)
         observations = torch.from_numpy(path.astype(np.float32))
         ends = dict(zip(ENDS, (success, success | truncated, success, truncated), strict=True))
-        rows = {
-            "observation": observations[:, :-1],
-            "action": torch.stack(actions, dim=1),
-            "next": {
-                "observation": observations[:, 1:],
-                "reward": env.rewards(path[:, 1:], success),
-                **{key: torch.from_numpy(flag).unsqueeze(-1) for key, flag in ends.items()},
-            },
-            "collector": {"traj_ids": (self.next_id + torch.arange(len(balls)))[:, None].expand(kept.shape)},
-        }
+        ids = self.next_id + torch.arange(len(balls))
         self.next_id += len(balls)
-        return TensorDict(rows, kept.shape)[kept]
+        rows = TensorDict(
+            {
+                "observation": observations[:-1],
+                "action": torch.stack(actions),
+                "next": {
+                    "observation": observations[1:],
+                    "reward": env.rewards(path[1:], success),
+                    **{key: torch.from_numpy(flag).unsqueeze(-1) for key, flag in ends.items()},
+                },
+                "collector": {"traj_ids": ids.expand(last.shape)},
+            },
+            last.shape,
+        )
+        return rows.transpose(0, 1)[torch.from_numpy(step <= balls.elapsed).T]
 
 
 def whole(batch: TensorDictBase) -> TensorDictBase:

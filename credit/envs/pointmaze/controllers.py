@@ -1,4 +1,4 @@
-"""The seeded controllers behind the demonstrations: along way-points with noise, then, from some point on, at random."""
+"""The seeded controllers behind the demonstrations: along way-points with noise, and from some point on at random."""
 
 from __future__ import annotations
 
@@ -51,11 +51,12 @@ class Controller:
         balls.reset()
         n, horizon = len(balls), task.horizon
         points = np.array([task.maze.xy(cell) for cell in task.path[1:]])
-        noise = np.stack([self.sigma * g.standard_normal((horizon, 2)) for g in generators])
-        random = np.stack([g.uniform(-1, 1, (-(-horizon // self.hold), 2)) for g in generators])
+        noise: NDArray[np.float64] = np.stack([self.sigma * g.standard_normal((horizon, 2)) for g in generators])
+        random: NDArray[np.float64] = np.stack([g.uniform(-1, 1, (-(-horizon // self.hold), 2)) for g in generators])
         limit = np.where(np.asarray(legs) < len(points), legs, horizon)  # past the last way-point it stays on that one
         leg, wandered, every = np.zeros(n, dtype=int), np.zeros(n, dtype=int), np.arange(n)
-        states, actions = [balls.states.astype(np.float32)], []
+        states: list[Floats] = [balls.states.astype(np.float32)]
+        actions: list[Floats] = []
         moving = every
         while len(moving):
             target, place, speed = points[np.minimum(leg, len(points) - 1)], balls.states[:, :2], balls.states[:, 2:]

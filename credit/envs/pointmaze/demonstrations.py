@@ -1,4 +1,4 @@
-"""The trajectories that all methods start from (section 6.3): successes, partial ones and failures, with one label each."""
+"""The trajectories that all methods start from (6.3): successes, partial ones and failures, with one label each."""
 
 from __future__ import annotations
 
@@ -153,8 +153,8 @@ def describe(demonstrations: Demonstrations) -> str:
     listing = f"{count} demonstrations, {successes} of them successful ({len(demonstrations.states)} steps)"
     if successes == 0:
         return (
-            f"{listing}: all labels are 0, which a reward of 0 everywhere fits without error. Reward models cannot learn "
-            "where the goal is; until exploration finds it, the policy follows bonuses and entropy alone."
+            f"{listing}: all labels are 0, which a reward of 0 everywhere fits without error. Reward models cannot "
+            "learn where the goal is; until exploration finds it, the policy follows bonuses and entropy alone."
         )
     if successes == count:
         return (
@@ -164,9 +164,7 @@ def describe(demonstrations: Demonstrations) -> str:
     return f"{listing}: reward models can learn what sets successful trajectories apart from the others."
 
 
-def _driven(
-    task: Task, kind: str, legs: tuple[int, int], count: int, seed: int, controller: Controller
-) -> list[Path]:
+def _driven(task: Task, kind: str, legs: tuple[int, int], count: int, seed: int, controller: Controller) -> list[Path]:
     key = zlib.crc32(f"demonstrations {kind}".encode())
     noise = [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(key, j))) for j in range(count)]
     kept: dict[int, Path] = {}

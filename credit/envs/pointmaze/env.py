@@ -13,10 +13,11 @@ from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
-from credit.envs.pointmaze.physics import Balls
+from credit.envs.pointmaze.physics import Balls, Noise
 from credit.envs.pointmaze.task import Task
 from credit.errors import UserError, nearest
 
+Episodes = Literal["stream", "round"]
 Reward = Literal["sparse", "dense", "hidden"]
 
 
@@ -53,14 +54,15 @@ class PointMazeEnv(EnvBase):
         seeds: Sequence[int] = (0,),
         copies: int = 1,
         *,
-        episodes: Literal["stream", "round"] = "stream",
+        episodes: Episodes = "stream",
         reward: Reward = "sparse",
         purpose: str = "environment",
     ) -> None:
         if not seeds or copies < 1:
             raise UserError(f"PointMazeEnv with seeds={list(seeds)}, copies={copies}: at least one of each is needed")
-        if reward not in get_args(Reward):
-            raise UserError(f"reward={reward!r} is unknown: {nearest(reward, get_args(Reward))}")
+        for key, value, valid in (("reward", reward, get_args(Reward)), ("episodes", episodes, get_args(Episodes))):
+            if value not in valid:
+                raise UserError(f"{key}={value!r} is unknown: {nearest(value, valid)}")
         n = len(seeds) * copies
         super().__init__(device=torch.device("cpu"), batch_size=torch.Size([n]))
         self.task, self.seeds, self.copies = task, tuple(seeds), copies
@@ -73,9 +75,7 @@ class PointMazeEnv(EnvBase):
         )
         self.action_spec = Bounded(low=-1.0, high=1.0, shape=(n, 2), dtype=torch.float32)
         self.reward_spec = Unbounded(shape=(n, 1), dtype=torch.float32)
-        self.done_spec = Composite(
-            {key: flag.clone() for key in ("done", "terminated", "truncated")}, shape=(n,)
-        )
+        self.done_spec = Composite({key: flag.clone() for key in ("done", "terminated", "truncated")}, shape=(n,))
 
     def collection_stopped(self) -> bool:
         """Whether every ball has ended its episode of this round: the collector's question after every step."""
@@ -120,7 +120,7 @@ class PointMazeEnv(EnvBase):
         self.seeds = tuple((seed or 0) + r for r in range(len(self.seeds)))
         self.balls.noise = self._generators()
 
-    def _generators(self) -> list[np.random.Generator]:
+    def _generators(self) -> list[Noise]:
         key = zlib.crc32(f"pointmaze {self.purpose}".encode())
         return [
             np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(key, copy)))

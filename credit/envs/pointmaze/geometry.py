@@ -70,10 +70,10 @@ class Geometry:
         return self._numbers.to(states.device)[row * columns + column]
 
     def _spans(self, origins: Tensor, directions: Tensor) -> list[tuple[Tensor, Tensor]]:
-        """Where lines o + t·d enter and leave each of the W walls: pairs of t, [part of N, W]; enter < leave if they do.
+        """Where lines o + t·d enter and leave each of W walls: pairs of t [part of N, W], enter < leave where they do.
 
-        The slab test (Kay and Kajiya 1986): a line is in a box while it is between its sides on both axes. Done in parts
-        of N that stay in the cache.
+        The slab test (Kay and Kajiya 1986): a line is in a box while it is between its sides on both axes. Done in
+        parts of N that stay in the cache.
         """
         walls = self.walls.to(origins.device).T.unsqueeze(1)  # [2, 1, W]
         pace = torch.where(directions.abs() < TINY, TINY, directions).reciprocal()

@@ -44,7 +44,7 @@ class Maze:
         widths = sorted({len(row) for row in self.walls})
         if len(self.walls) < 3 or len(widths) != 1 or widths[0] < 3:
             raise UserError(
-                f"maze {self.name}: {len(self.walls)} rows of {widths} cells; a map is a rectangle of at least 3 x 3 cells"
+                f"maze {self.name} has {len(self.walls)} rows of {widths} cells; a map is a rectangle, 3 x 3 or more"
             )
         grid = self.grid
         if not (grid[[0, -1]].all() and grid[:, [0, -1]].all()):

@@ -42,7 +42,7 @@ class Balls:
 
     def __init__(self, task: Task, noise: Sequence[Noise]) -> None:
         self.task = task
-        self.noise = list(noise)
+        self.noise: list[Noise] = list(noise)
         self.model = model(task.maze)
         self.states: NDArray[np.float64] = np.zeros((len(self.noise), 4))
         self.goals = np.zeros((len(self.noise), 2))
@@ -76,11 +76,12 @@ class Balls:
         Raises:
             RunError: a force that is not finite.
         """
-        forces = np.clip(np.asarray(actions), -1.0, 1.0)
-        if not np.isfinite(forces).all():
-            i = int(np.flatnonzero(~np.isfinite(forces).all(-1))[0])
-            raise RunError(f"PointMaze {i} was given the action {forces[i].tolist()} in state {self.states[i].tolist()}")
-        speeding = (np.abs(self.states[:, 2:]) > TOP_SPEED).any(-1).tolist()
+        forces: NDArray[Any] = np.clip(np.asarray(actions), -1.0, 1.0)
+        finite: NDArray[np.bool_] = np.isfinite(forces).all(-1)
+        if not finite.all():
+            i = int(finite.argmin())
+            raise RunError(f"PointMaze {i} got the action {forces[i].tolist()} in state {self.states[i].tolist()}")
+        speeding = np.abs(self.states[:, 2:]).max(-1) > TOP_SPEED
         moving = list(range(len(self)) if which is None else which)
         model, step, read = self.model, mujoco.mj_step, mujoco.mj_getState
         for i in moving:
@@ -115,7 +116,12 @@ def model(maze: Maze) -> Any:
     assert world is not None
     for row, column in maze.wall_cells:
         x, y = maze.xy((row, column))
-        box = {"type": "box", "pos": f"{x} {y} {HEIGHT / 2}", "size": f"0.5 0.5 {HEIGHT / 2}", "rgba": "0.7 0.5 0.3 1.0"}
+        box: dict[str, Any] = {
+            "type": "box",
+            "pos": f"{x} {y} {HEIGHT / 2}",
+            "size": f"0.5 0.5 {HEIGHT / 2}",
+            "rgba": "0.7 0.5 0.3 1.0",
+        }
         ET.SubElement(world, "geom", name=f"block_{row}_{column}", contype="1", conaffinity="1", **box)
     ET.SubElement(world, "site", name="target", type="sphere", size="0.2", pos=f"0 0 {HEIGHT / 2}", rgba="1 0 0 0.7")
     return mujoco.MjModel.from_xml_string(ET.tostring(tree.getroot(), encoding="unicode"))
