@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -53,7 +54,7 @@ def test_an_end_resets_that_ball_alone(corridor: Task) -> None:
     ends = torch.stack([step["next", "done"][:, 0] for step in steps])
     assert len(ends.nonzero()) > 8
     assert (ends.any(1) & ~ends.all(1)).sum() > 4  # some end while others go on
-    for before, after in zip(steps, steps[1:], strict=False):
+    for before, after in pairwise(steps):
         done = before["next", "done"][:, 0]
         gone_on, arrived = after["observation"], before["next", "observation"]
         assert torch.equal(gone_on[~done], arrived[~done])

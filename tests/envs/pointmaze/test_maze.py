@@ -48,7 +48,7 @@ def test_the_shortest_path_of_medium() -> None:
 
 def lengths(maze: Maze, goal: Cell) -> dict[Cell, int]:
     """Moves to the goal of every free cell, by relaxing all cells until nothing changes."""
-    far = {cell: 10**6 for cell in maze.free} | {goal: 0}
+    far = dict.fromkeys(maze.free, 10**6) | {goal: 0}
     for _ in maze.free:
         for (r, c), (i, j) in ((a, b) for a in maze.free for b in maze.free):
             if abs(r - i) + abs(c - j) == 1:
