@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import torch
 from torch import Tensor
 
@@ -65,11 +67,12 @@ class Geometry:
     def cells(self, states: Tensor) -> Tensor:
         """c(s) [N]: number of the free cell in `maze.free`; the nearest one for a position inside a wall or outside."""
         rows, columns = self.maze.grid.shape
-        row = torch.floor(rows / 2 - states[:, 1]).long().clamp(0, rows - 1)
-        column = torch.floor(states[:, 0] + columns / 2).long().clamp(0, columns - 1)
+        x, y = states[:, 0].to(FLOAT), states[:, 1].to(FLOAT)
+        row = torch.floor(rows / 2 - y).long().clamp(0, rows - 1)
+        column = torch.floor(x + columns / 2).long().clamp(0, columns - 1)
         return self._numbers.to(states.device)[row * columns + column]
 
-    def _spans(self, origins: Tensor, directions: Tensor) -> list[tuple[Tensor, Tensor]]:
+    def _spans(self, origins: Tensor, directions: Tensor) -> Iterator[tuple[Tensor, Tensor]]:
         """Where lines o + t·d enter and leave each of W walls: pairs of t [part of N, W], enter < leave where they do.
 
         The slab test (Kay and Kajiya 1986): a line is in a box while it is between its sides on both axes. Done in
@@ -78,9 +81,7 @@ class Geometry:
         walls = self.walls.to(origins.device).T.unsqueeze(1)  # [2, 1, W]
         pace = torch.where(directions.abs() < TINY, TINY, directions).reciprocal()
         size = max(1, CACHED // (16 * walls.shape[-1]))
-        spans = []
         for o, p in zip(origins.T.split(size, dim=1), pace.T.split(size, dim=1), strict=True):
             x, y = (walls - o.unsqueeze(-1)) * p.unsqueeze(-1)
             half_x, half_y = p.abs().unsqueeze(-1) * (0.5 - SLACK)
-            spans.append((torch.maximum(x - half_x, y - half_y), torch.minimum(x + half_x, y + half_y)))
-        return spans
+            yield torch.maximum(x - half_x, y - half_y), torch.minimum(x + half_x, y + half_y)

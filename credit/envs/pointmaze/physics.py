@@ -29,6 +29,8 @@ class Noise(Protocol):
 class Balls:
     """n simulations of one task: one MuJoCo model, n states, and a goal, a clock and a generator for each; reset first.
 
+    A copy, or what was pickled, goes on bit for bit like the original.
+
     The Gymnasium environment does more work for the same numbers: it runs the whole forward dynamics once more after
     clipping the speed, although nothing but `qvel` has changed and the step starts with them anyway.
 
@@ -48,9 +50,19 @@ class Balls:
         self.goals = np.zeros((len(self.noise), 2))
         self.elapsed = np.zeros(len(self.noise), dtype=np.int64)
         self._data = [mujoco.MjData(self.model) for _ in self.noise]
+        self._bind()
+
+    def _bind(self) -> None:
         self._handles: list[tuple[Any, NDArray[np.float64], NDArray[np.float64]]] = [
             (data, data.ctrl, row) for data, row in zip(self._data, self.states, strict=True)
         ]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {key: value for key, value in self.__dict__.items() if key != "_handles"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._bind()  # a copied view would no longer show what it was a view of
 
     def __len__(self) -> int:
         return len(self.noise)
@@ -74,7 +86,7 @@ class Balls:
             which: the simulations that move, or all.
 
         Raises:
-            RunError: a force that is not finite.
+            RunError: a force that is not a number.
         """
         forces: NDArray[Any] = np.clip(np.asarray(actions), -1.0, 1.0)
         finite: NDArray[np.bool_] = np.isfinite(forces).all(-1)

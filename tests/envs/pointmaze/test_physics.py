@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium
@@ -119,6 +122,24 @@ def test_start_and_goal_move_by_a_quarter(medium: Task) -> None:
         away = places - np.array(centre)
         assert 0.23 < np.abs(away).max() < 0.25
         assert np.abs(away.mean(0)).max() < 0.05
+
+
+@pytest.mark.parametrize("twin", [copy.deepcopy, lambda balls: pickle.loads(pickle.dumps(balls))])
+def test_a_copy_goes_on_like_the_original(medium: Task, twin: Callable[[Balls], Balls]) -> None:
+    balls = Balls(medium, [np.random.default_rng(seed) for seed in range(3)])
+    balls.reset()
+    forces = np.stack([actions(seed, 200) for seed in range(3)], axis=1)
+    for t in range(100):
+        balls.step(forces[t])
+    other = twin(balls)
+    for t in range(100, 200):
+        balls.step(forces[t])
+        assert not np.array_equal(balls.states, other.states)
+        other.step(forces[t])
+        assert np.array_equal(balls.states, other.states)
+        if t == 150:
+            balls.reset([0])
+            other.reset([0])
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
