@@ -1,0 +1,102 @@
+"""The tanh-Gaussian actor and the twin critics: TorchRL's modules, and the same functions on networks side by side."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from tensordict.nn import NormalParamExtractor, TensorDictModule
+from torch import Tensor, nn
+from torchrl.modules import MLP, ProbabilisticActor, TanhNormal, ValueOperator
+
+from credit.optimizers.sac.stack import Shape, Stack
+
+CRITICS = 2
+SCALE_BIAS = math.log(math.e - 1)  # a deviation of one where the network says zero, as in NormalParamExtractor
+SCALE_FLOOR = 1e-4
+
+
+class Squashed(NamedTuple):
+    """A sampled action a = tanh(u) [..., A], its log-probability [...], and the deviation σ [..., A] of u."""
+
+    action: Tensor
+    log_prob: Tensor
+    scale: Tensor
+
+
+def deviation(raw: Tensor) -> Tensor:
+    """σ = softplus(raw + bias), not below a floor.
+
+    By way of the logistic function: `F.softplus` rounds the last numbers of a tensor otherwise than the first, and a
+    replica alone would not equal the same replica in a batch.
+    """
+    return F.logsigmoid(-SCALE_BIAS - raw).neg_().clamp_min_(SCALE_FLOOR)
+
+
+def squash(output: Tensor, noise: Tensor) -> Squashed:
+    """a = tanh(μ + σ·ε) from an actor's output [..., 2A] and standard normal ε [..., A].
+
+    log π(a) = Σ [−ε²/2 − log σ − ½ log 2π − log(1 − tanh² u)], the last term in the form that does not overflow.
+    """
+    loc, raw = output.chunk(2, -1)
+    scale = deviation(raw)
+    u = torch.addcmul(loc, scale, noise)
+    terms = (u - F.logsigmoid(2 * u)).mul_(2).sub_(scale.log()).sub_(noise.square(), alpha=0.5)
+    constant = noise.shape[-1] * (0.5 * math.log(2 * math.pi) + 2 * math.log(2))
+    return Squashed(u.tanh_(), terms.sum(-1).sub_(constant), scale)
+
+
+def squash_backward(squashed: Squashed, noise: Tensor, by_action: Tensor, by_log_prob: Tensor | float) -> Tensor:
+    """Gradient by an actor's output [..., 2A], from those by the action [..., A] and the log-probability.
+
+    d log π/du = 2·tanh u, da/du = 1 − a², and softplus′ = 1 − exp(−σ).
+    """
+    action, _, scale = squashed
+    by_u = torch.addcmul(by_action, action.square(), by_action, value=-1).add_(2 * by_log_prob * action)
+    by_scale = torch.addcmul(-by_log_prob / scale, by_u, noise)
+    by_raw = by_scale.mul_(torch.expm1(-scale)).neg_().masked_fill_(scale <= SCALE_FLOOR, 0)
+    return torch.cat([by_u, by_raw], -1)
+
+
+def actor_module(shape: Shape) -> ProbabilisticActor:
+    """TorchRL's actor of a shape: `observation` → `action`, with fresh weights."""
+    network = nn.Sequential(_mlp(shape), NormalParamExtractor(scale_lb=SCALE_FLOOR))
+    return ProbabilisticActor(
+        TensorDictModule(network, in_keys=["observation"], out_keys=["loc", "scale"]),
+        in_keys=["loc", "scale"],
+        distribution_class=TanhNormal,
+        return_log_prob=True,
+    )
+
+
+def critic_module(shape: Shape) -> ValueOperator:
+    """TorchRL's critic of a shape: `observation`, `action` → `state_action_value`, with fresh weights."""
+    return ValueOperator(_mlp(shape), in_keys=["observation", "action"])
+
+
+def extract_actor(stack: Stack, member: int) -> ProbabilisticActor:
+    """One actor of a stack as TorchRL has it, a copy."""
+    module = actor_module(stack.shape)
+    module[0].module[0].load_state_dict(stack.state(member))
+    return module
+
+
+def extract_critic(stack: Stack, member: int) -> ValueOperator:
+    """One critic of a stack as TorchRL has it, a copy."""
+    module = critic_module(stack.shape)
+    module.module.load_state_dict(stack.state(member))
+    return module
+
+
+def _mlp(shape: Shape) -> MLP:
+    return MLP(
+        in_features=shape.inputs,
+        out_features=shape.outputs,
+        depth=shape.depth,
+        num_cells=shape.width,
+        activation_class=nn.ReLU,
+        norm_class=nn.LayerNorm if shape.norm else None,
+        norm_kwargs={"normalized_shape": shape.width} if shape.norm else None,
+    )
