@@ -14,8 +14,8 @@ from torchrl.modules import MLP, ProbabilisticActor, TanhNormal, ValueOperator
 from credit.optimizers.sac.stack import Shape, Stack
 
 CRITICS = 2
-SCALE_BIAS = math.log(math.e - 1)  # a deviation of one where the network says zero, as in NormalParamExtractor
-SCALE_FLOOR = 1e-4
+SCALE_FLOOR = 0.01
+SCALE_BIAS = math.log(math.expm1(1 - SCALE_FLOOR))  # σ = 1 where the network says 0, as in NormalParamExtractor
 
 
 class Squashed(NamedTuple):
@@ -27,12 +27,12 @@ class Squashed(NamedTuple):
 
 
 def deviation(raw: Tensor) -> Tensor:
-    """σ = softplus(raw + bias), not below a floor.
+    """σ = floor + softplus(raw + bias).
 
     By way of the logistic function: `F.softplus` rounds the last numbers of a tensor otherwise than the first, and a
     replica alone would not equal the same replica in a batch.
     """
-    return F.logsigmoid(-SCALE_BIAS - raw).neg_().clamp_min_(SCALE_FLOOR)
+    return SCALE_FLOOR - F.logsigmoid(-SCALE_BIAS - raw)
 
 
 def squash(output: Tensor, noise: Tensor) -> Squashed:
@@ -51,18 +51,18 @@ def squash(output: Tensor, noise: Tensor) -> Squashed:
 def squash_backward(squashed: Squashed, noise: Tensor, by_action: Tensor, by_log_prob: Tensor | float) -> Tensor:
     """Gradient by an actor's output [..., 2A], from those by the action [..., A] and the log-probability.
 
-    d log π/du = 2·tanh u, da/du = 1 − a², and softplus′ = 1 − exp(−σ).
+    d log π/du = 2·tanh u, da/du = 1 − a², and dσ/draw = 1 − exp(floor − σ).
     """
     action, _, scale = squashed
     by_u = torch.addcmul(by_action, action.square(), by_action, value=-1).add_(2 * by_log_prob * action)
     by_scale = torch.addcmul(-by_log_prob / scale, by_u, noise)
-    by_raw = by_scale.mul_(torch.expm1(-scale)).neg_().masked_fill_(scale <= SCALE_FLOOR, 0)
+    by_raw = by_scale.mul_(torch.expm1(SCALE_FLOOR - scale)).neg_()
     return torch.cat([by_u, by_raw], -1)
 
 
 def actor_module(shape: Shape) -> ProbabilisticActor:
     """TorchRL's actor of a shape: `observation` → `action`, with fresh weights."""
-    network = nn.Sequential(_mlp(shape), NormalParamExtractor(scale_lb=SCALE_FLOOR))
+    network = nn.Sequential(_mlp(shape), NormalParamExtractor())
     return ProbabilisticActor(
         TensorDictModule(network, in_keys=["observation"], out_keys=["loc", "scale"]),
         in_keys=["loc", "scale"],

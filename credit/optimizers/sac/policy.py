@@ -13,8 +13,9 @@ from credit.optimizers.sac.stack import Stack, Tape
 
 
 class Policy:
-    """Maps `observation` [R·copies, O] to `action` [R·copies, A]: sampled, or tanh of the mean if TorchRL's exploration
-    type is not RANDOM.
+    """Maps `observation` [R·copies, O] to `action` [R·copies, A].
+
+    Actions are sampled where TorchRL's exploration type is RANDOM, and tanh of the mean elsewhere.
 
     The noise of a whole round is drawn at its start, so that what a replica explores does not depend on how long the
     rounds of the others last.
