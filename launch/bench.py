@@ -13,7 +13,10 @@ from credit.errors import UserError, nearest
 from launch.cli import guarded
 from launch.common import Words
 
-BENCHES = {"tabular": "the advertiser's tabular core against the naive way: time, growth, memory, agreement"}
+BENCHES = {
+    "tabular": "the advertiser's tabular core against the naive way: time, growth, memory, agreement",
+    "sac": "SAC's updates and collection against Stable-Baselines3, TorchRL, plain PyTorch; seeds side by side",
+}
 
 
 def main(argv: list[str]) -> int:

@@ -6,9 +6,20 @@ import gc
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import torch
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of a report: what was measured, the figure, what it should be, whether it is."""
+
+    what: str
+    figure: str
+    target: str = ""
+    met: bool | None = None
 
 
 def cpu_seconds(work: Callable[[], object], repeat: int = 1) -> float:
@@ -18,6 +29,17 @@ def cpu_seconds(work: Callable[[], object], repeat: int = 1) -> float:
         start = time.process_time()
         work()
         best = min(best, time.process_time() - start)
+    return best
+
+
+def taken_in_turns(works: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
+    """CPU seconds of one call of each, the least of some rounds; in turns, so that all meet the same noise."""
+    best = dict.fromkeys(works, float("inf"))
+    for work in works.values():
+        work()  # warm-up
+    for _ in range(rounds):
+        for name, work in works.items():
+            best[name] = min(best[name], cpu_seconds(work))
     return best
 
 
