@@ -14,7 +14,7 @@ from credit.errors import RunError, UserError
 from credit.optimizers.sac.adam import Adam
 from credit.optimizers.sac.buffer import Replay
 from credit.optimizers.sac.draws import Draws
-from credit.optimizers.sac.loss import Batch, Gradients, Terms, losses
+from credit.optimizers.sac.loss import Batch, Compiled, Gradients, Terms, losses
 from credit.optimizers.sac.networks import CRITICS
 from credit.optimizers.sac.policy import Policy
 from credit.optimizers.sac.stack import Shape, Stack, padded
@@ -115,7 +115,7 @@ class SAC:
         gradients = Gradients(
             self.actor, self.critic, self.target, by_actor, by_critic, by_log_alpha, self._entropy, self.target_clip
         )
-        self._gradients = torch.compile(gradients) if self.compile else gradients
+        self._gradients = Compiled(gradients) if self.compile else gradients
         self._by_log_alpha = by_log_alpha
         self._adam = Adam(weights, by_weights, self.learning_rate)
         self._critic_adam = Adam(self.critic.flat, by_critic.flat, self.learning_rate)

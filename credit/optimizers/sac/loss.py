@@ -80,7 +80,6 @@ class Gradients:
         self.target_entropy, self.clip = target_entropy, clip
         self._tapes: dict[tuple[Stack, int], Tape] = {}
 
-    @torch.no_grad()
     def __call__(self, batch: Batch, noise: Tensor, log_alpha: Tensor, actor_due: bool = True) -> Terms:
         """Fill the gradients.
 
@@ -90,22 +89,26 @@ class Gradients:
         """
         rows, alpha = batch.returns.shape[1], log_alpha.exp().unsqueeze(-1)
         y = self._targets(batch, noise[1], alpha)
+        log_prob, value = self._actor(batch.observation, noise[0], alpha) if actor_due else (None, None)
         q, tape = self._values(self.critic, batch.observation, batch.action)
         residual = q - y.unsqueeze(1)
         self.critic.backward(tape, (residual * (2 / rows)).view(-1, rows, 1), self.by_critic)
-        if not actor_due:
-            return Terms(y, residual, None, None)
-        sampled, acting = self._act(batch.observation, noise[0])
-        q, tape = self._values(self.critic, batch.observation, sampled.action)
+        return Terms(y, residual, log_prob, value)
+
+    def _actor(self, observation: Tensor, noise: Tensor, alpha: Tensor) -> tuple[Tensor, Tensor]:
+        """Fill the gradients of actor and α; log π(ã|s) and min Q(s, ã) [R, B]."""
+        rows, width = observation.shape[1:]
+        sampled, acting = self._act(observation, noise)
+        q, tape = self._values(self.critic, observation, sampled.action)
         value = q.amin(1)
         by_q = (q == value.unsqueeze(1)) * (-1 / rows)  # only the lesser of both critics counts
         through = self.critic.backward(tape, by_q.view(-1, rows, 1), None)
-        by_action = torch.bmm(through, self.critic.layers[0].weight[..., batch.observation.shape[-1] :])
-        by_action = by_action.view(-1, CRITICS, *batch.action.shape[1:]).sum(1)
-        by_output = squash_backward(sampled, noise[0], by_action, (alpha / rows).unsqueeze(-1))
+        by_action = torch.bmm(through, self.critic.layers[0].weight[..., width:])
+        by_action = torch.add(*by_action.view(-1, CRITICS, *noise.shape[1:]).unbind(1))
+        by_output = squash_backward(sampled, noise, by_action, (alpha / rows).unsqueeze(-1))
         self.actor.backward(acting, by_output, self.by_actor)
         torch.sub(-self.target_entropy, sampled.log_prob.mean(-1), out=self.by_log_alpha)
-        return Terms(y, residual, sampled.log_prob, value)
+        return sampled.log_prob, value
 
     def _targets(self, batch: Batch, noise: Tensor, alpha: Tensor) -> Tensor:
         """y = returns + γⁿ (min Q̄(s′, a′) − α log π(a′|s′)) [R, B]."""
@@ -124,11 +127,46 @@ class Gradients:
         """Q [R, 2, B]; critics and targets are never needed at once, and share their memory."""
         tape = self._tape(self.critic, observation.shape[1])
         x = tape.input.view(-1, CRITICS, *tape.input.shape[1:])
-        torch.cat([observation, action], -1, out=x[:, 0])
-        x[:, 1] = x[:, 0]
+        x.copy_(torch.cat([observation, action], -1).unsqueeze(1))
         return critic.forward(tape).view(-1, CRITICS, observation.shape[1]), tape
 
     def _tape(self, stack: Stack, rows: int) -> Tape:
         if (stack, rows) not in self._tapes:
             self._tapes[stack, rows] = Tape(stack.shape, stack.members, rows, stack.flat.device)
         return self._tapes[stack, rows]
+
+
+class Compiled:
+    """`Gradients` by way of `torch.compile`, which wants a function that changes nothing it is given.
+
+    Args:
+        gradients: what would do the same without.
+    """
+
+    def __init__(self, gradients: Gradients) -> None:
+        self._gradients = gradients
+        self._pure = torch.compile(self._fresh, fullgraph=True)
+
+    def __call__(self, batch: Batch, noise: Tensor, log_alpha: Tensor, actor_due: bool = True) -> Terms:
+        """Fill the gradients."""
+        given = self._gradients
+        weights = (given.actor.flat, given.critic.flat, given.target.flat)
+        terms, by_critic, by_actor, by_log_alpha = self._pure(weights, batch, noise, log_alpha, actor_due)
+        given.by_critic.flat.copy_(by_critic)
+        if actor_due:
+            given.by_actor.flat.copy_(by_actor)
+            given.by_log_alpha.copy_(by_log_alpha)
+        return terms
+
+    def _fresh(
+        self, weights: tuple[Tensor, Tensor, Tensor], batch: Batch, noise: Tensor, log_alpha: Tensor, actor_due: bool
+    ) -> tuple[Terms, Tensor, Tensor, Tensor]:
+        given = self._gradients
+        networks = [
+            Stack(stack.shape, stack.members, flat.clone())
+            for stack, flat in zip((given.actor, given.critic, given.target), weights, strict=True)
+        ]
+        results = [Stack(stack.shape, stack.members, torch.zeros_like(stack.flat)) for stack in networks[:2]]
+        by_log_alpha = torch.zeros_like(log_alpha)
+        run = Gradients(*networks, *results, by_log_alpha, given.target_entropy, given.clip)
+        return run(batch, noise, log_alpha, actor_due), results[1].flat, results[0].flat, by_log_alpha

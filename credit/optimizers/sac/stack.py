@@ -129,7 +129,8 @@ class Stack:
         x = tape.input
         tape.normal.clear()
         for k, layer in enumerate(self.layers[:-1]):
-            x = torch.baddbmm(layer.bias, x, self._transposed[k], out=tape.linear[k])
+            x = torch.bmm(x, self._transposed[k], out=tape.linear[k])
+            x.add_(layer.bias)
             if layer.gain is not None and layer.shift is not None:
                 normal = torch.native_layer_norm(x, [self.shape.width], None, None, EPSILON)
                 tape.normal.append(normal)
