@@ -1,4 +1,4 @@
-"""What SAC's updates are measured against: the matrix products alone, plain PyTorch, TorchRL's and other people's loops.
+"""What SAC's updates are measured against: matrix products alone, plain PyTorch, TorchRL's and other people's loops.
 
 Each function returns one that does `UPDATES` updates of 256×256 networks on batches of 256, drawn from 10,000
 transitions of 4 observed numbers and 2 actions.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib.util
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import gymnasium
@@ -39,6 +40,12 @@ def transitions() -> TensorDict:
     observation, action = torch.randn(ROWS, 4, generator=generator), torch.rand(ROWS, 2, generator=generator) * 2 - 1
     ids = {"traj_ids": torch.arange(ROWS) // 100}
     return TensorDict({"observation": observation, "action": action, "next": following, "collector": ids}, [ROWS])
+
+
+def repeated(update: Callable[[], None]) -> None:
+    """`UPDATES` of them."""
+    for _ in range(UPDATES):
+        update()
 
 
 def products() -> Updates:
@@ -129,9 +136,9 @@ def plain() -> Updates:
         (-log_alpha * (log_prob.detach() - 2).mean()).backward()
         by_alpha.step()
         with torch.no_grad():
-            torch._foreach_lerp_(followers, weights, TAU)
+            torch._foreach_lerp_([*followers], [*weights], TAU)
 
-    return lambda: [update() for _ in range(UPDATES)]
+    return partial(repeated, update)
 
 
 def torchrl() -> Updates:
@@ -158,7 +165,7 @@ def torchrl() -> Updates:
         optimizer.zero_grad()
         updater.step()
 
-    return lambda: [update() for _ in range(UPDATES)]
+    return partial(repeated, update)
 
 
 class Box(gymnasium.Env):

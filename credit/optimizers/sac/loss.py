@@ -162,11 +162,9 @@ class Compiled:
         self, weights: tuple[Tensor, Tensor, Tensor], batch: Batch, noise: Tensor, log_alpha: Tensor, actor_due: bool
     ) -> tuple[Terms, Tensor, Tensor, Tensor]:
         given = self._gradients
-        networks = [
-            Stack(stack.shape, stack.members, flat.clone())
-            for stack, flat in zip((given.actor, given.critic, given.target), weights, strict=True)
-        ]
-        results = [Stack(stack.shape, stack.members, torch.zeros_like(stack.flat)) for stack in networks[:2]]
+        stacks = zip((given.actor, given.critic, given.target), weights, strict=True)
+        actor, critic, target = (Stack(stack.shape, stack.members, flat.clone()) for stack, flat in stacks)
+        by_actor, by_critic = (Stack(x.shape, x.members, torch.zeros_like(x.flat)) for x in (actor, critic))
         by_log_alpha = torch.zeros_like(log_alpha)
-        run = Gradients(*networks, *results, by_log_alpha, given.target_entropy, given.clip)
-        return run(batch, noise, log_alpha, actor_due), results[1].flat, results[0].flat, by_log_alpha
+        run = Gradients(actor, critic, target, by_actor, by_critic, by_log_alpha, given.target_entropy, given.clip)
+        return run(batch, noise, log_alpha, actor_due), by_critic.flat, by_actor.flat, by_log_alpha
