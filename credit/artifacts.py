@@ -8,20 +8,20 @@ import numpy as np
 from torch import Tensor
 
 from credit.dataset import Dataset
-from credit.types import Problem, Recovery
+from credit.types import Recovery
 
 
 def recovery_arrays(
-    problem: Problem, replica: int, dataset: Dataset, recovery: Recovery, truth: Tensor, policy: Tensor
+    replica: int, dataset: Dataset, recovery: Recovery, truth: Tensor, policy: Tensor
 ) -> dict[str, np.ndarray]:
-    """Arrays of one replica, [S, A] unless said.
+    """Arrays of one replica, tables over `cells` (the names of the axes: [S, A] by default) unless said.
 
     `windows/states`, `windows/actions`, `windows/next_states` [K, T], `windows/labels` [K]; `models` (names, the
-    reference first); `reward/true`, `reward/<model>`, `draws/<model>` [B, S, A], `mse/<model>`,
+    reference first); `reward/true`, `reward/<model>`, `draws/<model>` [B, ...], `mse/<model>`,
     `disagreement/<surrogate>` (Δ̂²), `weight/<model>`, `best`, `reward/mixed`, `bonus/<name>`, `reward/plan`, `visits`;
     `policy` [S], or [T, S] by step.
     """
-    shape = (problem.states, problem.actions)
+    shape = recovery.cells.sizes
 
     def table(values: Tensor) -> np.ndarray:
         return values.cpu().numpy().reshape(*values.shape[:-1], *shape)
@@ -33,6 +33,7 @@ def recovery_arrays(
         "windows/next_states": windows.next_states[replica].cpu().numpy().astype(np.int32),
         "windows/labels": windows.labels[replica].cpu().numpy(),
         "models": np.array(recovery.models),
+        "cells": np.array(recovery.cells.axes),
         "reward/true": table(truth),
         "reward/mixed": table(recovery.mixed[replica]),
         "reward/plan": table(recovery.plan[replica]),

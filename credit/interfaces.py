@@ -8,11 +8,12 @@ whether parts fit together without building any of them.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any, ClassVar, Protocol
 
 from torch import Tensor
 
+from credit.cells import PAIRS, Axis, Cells
 from credit.component import Component
 from credit.dataset import Dataset
 from credit.tensors import matvec
@@ -41,9 +42,10 @@ class Feedback(Component):
 
 
 class Oracle(Protocol):
-    """What a learner is worth, judged by the truth; `truth` is r(s, a) [N]."""
+    """What a learner is worth, judged by the truth."""
 
-    truth: Tensor
+    def truth(self, cells: Cells) -> Tensor:
+        """The true reward [N] of the cells; NaN where they cannot express it."""
 
     def update(self, primitive: Tensor, labels: Tensor | None, optimizer: Optimizer) -> None:
         """Count windows with rewards r [R, K, T] and labels [R, K] (None for a window that was cut short)."""
@@ -73,7 +75,13 @@ class Environment(Component):
 
 
 class FeatureMap(Component):
-    """What a reward model looks at: `features(steps) -> [..., d]`."""
+    """What a reward model looks at: `features(steps) -> [..., d]`.
+
+    Attributes:
+        looks_at: the axes that it reads.
+    """
+
+    looks_at: Collection[Axis] = PAIRS
 
     @abstractmethod
     def start(self, problem: Problem) -> None:
@@ -89,9 +97,11 @@ class RewardModel(Component):
 
     Attributes:
         name: its name in metrics, files and figures.
+        looks_at: the axes that it reads; the pseudo-reward is a table over those of all models.
     """
 
     name: str
+    looks_at: Collection[Axis] = PAIRS
 
     @abstractmethod
     def start(self, problem: Problem, draws: int) -> None:
@@ -107,7 +117,7 @@ class RewardModel(Component):
 
     @abstractmethod
     def estimate(self) -> Estimate:
-        """Predictions for every pair."""
+        """Predictions for every cell."""
 
 
 class Uncertainty(Component):
@@ -172,7 +182,7 @@ class CreditAssigner(Component):
 
 
 class RewardFunction(CreditAssigner):
-    """A credit assigner that knows a pseudo-reward for every (s, a), so that one can plan with it."""
+    """A credit assigner that knows a pseudo-reward for every cell, so that one can plan with it."""
 
     @abstractmethod
     def recovery(self) -> Recovery:

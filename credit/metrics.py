@@ -7,6 +7,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
+from credit.cells import Cells
 from credit.interfaces import Optimizer
 from credit.types import FLOAT, Problem, Recovery
 
@@ -26,13 +27,14 @@ def rank_correlation(first: Tensor, second: Tensor) -> Tensor:
     return rho.masked_fill(unknown[0] | unknown[1], torch.nan)
 
 
-def recovery_metrics(recovery: Recovery | None, truth: Tensor) -> dict[str, Tensor]:
-    """How well r(s, a) [N] was recovered, and how far each model is trusted; nothing where nothing is recovered."""
+def recovery_metrics(recovery: Recovery | None, truth: Callable[[Cells], Tensor]) -> dict[str, Tensor]:
+    """How well the reward was recovered, and how far each model is trusted; nothing where nothing is recovered."""
     if recovery is None:
         return {}
+    true = truth(recovery.cells)
     values = {
-        "reward/mse": (recovery.mixed - truth).square().mean(-1),
-        "reward/rank_correlation": rank_correlation(recovery.mixed, truth.expand_as(recovery.mixed)),
+        "reward/mse": (recovery.mixed - true).square().mean(-1),
+        "reward/rank_correlation": rank_correlation(recovery.mixed, true.expand_as(recovery.mixed)),
     }
     for index, name in enumerate(recovery.models):
         values[f"weight/{name}"] = recovery.weights[:, index].mean(-1)
@@ -50,11 +52,15 @@ class AverageRewardOracle:
     def __init__(self, problem: Problem, gain: float, policy: Tensor, occupancy: Tensor, reward: Tensor) -> None:
         self._gain = gain
         self._policy, self._occupancy = policy.to(problem.device), occupancy.to(problem.device)
-        self.truth = reward.flatten().to(problem.device)
+        self._reward = reward.to(problem.device)
         self._regret = problem.zeros()
         self._area = problem.zeros()
         self._labels = problem.zeros()
         self._windows = 0
+
+    def truth(self, cells: Cells) -> Tensor:
+        """r(s, a), where the cells are pairs."""
+        return cells.known(self._reward)
 
     def update(self, primitive: Tensor, labels: Tensor | None, optimizer: Optimizer | None = None) -> None:
         """Count windows with rewards r [R, K, T] and labels [R, K] (None for a window that was cut short)."""
@@ -86,21 +92,30 @@ class EpisodicOracle:
     """Metrics of an episodic problem: regret of the executed policies, evaluated exactly under the start distribution.
 
     Args:
-        problem: sizes. best: V*. random: V of uniform actions. truth: r(s, a) [N].
+        problem: sizes. best: V*. random: V of uniform actions. truth: cells → the reward [N] that the label shows.
         evaluate: policies [R, T, S] or [R, T, S, A] → their values [R], for the objective that the label shows.
     """
 
     def __init__(
-        self, problem: Problem, best: float, random: float, truth: Tensor, evaluate: Callable[[Tensor], Tensor]
+        self,
+        problem: Problem,
+        best: float,
+        random: float,
+        truth: Callable[[Cells], Tensor],
+        evaluate: Callable[[Tensor], Tensor],
     ) -> None:
         self._best, self._random, self._evaluate = best, random, evaluate
-        self.truth = truth.to(problem.device)
+        self._truth, self._device = truth, problem.device
         self._value = problem.zeros()
         self._regret = problem.zeros()
         self._area = problem.zeros()
         self._labels = problem.zeros()
         self._windows = 0
         self._all = 0
+
+    def truth(self, cells: Cells) -> Tensor:
+        """r(s, a) or r(s'), by step where the cells are; a label that shows the last reward alone has no other."""
+        return self._truth(cells).to(self._device)
 
     def update(self, primitive: Tensor, labels: Tensor | None, optimizer: Optimizer) -> None:
         """Count episodes with labels [R, K] under the policy that was executed; one cut short has no regret."""

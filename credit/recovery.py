@@ -18,7 +18,7 @@ from credit.types import Problem, Recovery, Windows
 
 
 class RewardRecovery(RewardFunction):
-    """Learn a pseudo-reward for every (s, a) from labels (sections 3.2–4.3, algorithm B.1 lines 3–16).
+    """Learn a pseudo-reward for every cell from labels (sections 3.2–4.3, algorithm B.1 lines 3–16).
 
     Args:
         reference: the flexible model.
@@ -49,19 +49,25 @@ class RewardRecovery(RewardFunction):
 
     def start(self, problem: Problem) -> None:
         """Empty models, no visits."""
-        self._problem = problem
+        problem = replace(problem, axes=tuple({axis for model in self.models for axis in model.looks_at}))
+        if "step" in problem.axes and not problem.episodic:
+            raise UserError(
+                "a reward model looks at the step in the window, and windows follow each other here: the step means "
+                "nothing; use models that look at states and actions alone, or an environment with episodes"
+            )
+        self._cells = problem.cells
         self.uncertainty.start(problem)
         for model in self.models:
             model.start(problem, self.uncertainty.draws)
         for bonus in self.bonus.values():
             bonus.start(problem)
-        self._visits = problem.zeros(problem.pairs)
+        self._visits = problem.zeros(problem.cells.count)
         self._recovery = self._recover()
 
     def observe(self, dataset: Dataset) -> None:
         """Count visits, refit every model with the newest windows, and recover the reward anew."""
-        pairs = dataset.new.pairs(self._problem.actions).flatten(1)
-        self._visits.scatter_add_(1, pairs, torch.ones_like(pairs, dtype=self._visits.dtype))
+        cells = self._cells.index(dataset.new).flatten(1)
+        self._visits.scatter_add_(1, cells, torch.ones_like(cells, dtype=self._visits.dtype))
         self.uncertainty.observe(self.models, dataset)
         self._recovery = self._recover()
 
@@ -70,9 +76,9 @@ class RewardRecovery(RewardFunction):
         return self._recovery
 
     def rewards(self, windows: Windows) -> Tensor:
-        """r_plan(s_t, a_t) of every step [R, K, T]."""
-        pairs = windows.pairs(self._problem.actions)
-        return self._recovery.plan.gather(1, pairs.flatten(1)).view(pairs.shape)
+        """r_plan of every step [R, K, T]."""
+        cells = self._cells.index(windows)
+        return self._recovery.plan.gather(1, cells.flatten(1)).view(cells.shape)
 
     def _recover(self) -> Recovery:
         reference, *surrogates = [model.estimate() for model in self.models]
@@ -98,6 +104,7 @@ class RewardRecovery(RewardFunction):
             bonus={},
             plan=mixed,
             visits=self._visits.clone(),
+            cells=self._cells,
         )
         bonus = {name: term(recovery, self.models[0]) for name, term in self.bonus.items()}
         return replace(recovery, bonus=bonus, plan=reduce(torch.add, bonus.values(), mixed))

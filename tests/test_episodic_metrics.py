@@ -132,11 +132,11 @@ def test_before_the_first_episode_nothing_is_lost(problem: Problem) -> None:
 def test_the_reward_is_judged_by_its_expectation(problem: Problem) -> None:
     # r(s, a) = r(s' = a) = 0, 1, 0, 1; replica 0 misses one of four by 2, replica 1 knows it.
     oracle = Levers().oracle(problem, TERMINAL)
-    assert oracle.truth.tolist() == [0, 1, 0, 1]
+    assert oracle.truth(problem.cells).tolist() == [0, 1, 0, 1]
     mixed = tensor([[0, 3, 0, 1], [0, 1, 0, 1]])
     weights = torch.ones(2, 1, 4, dtype=FLOAT)
     best = torch.zeros(2, 4, dtype=torch.int64)
-    recovery = Recovery(("ridge",), mixed, (), mixed, mixed, weights, best, mixed, {}, mixed, mixed)
+    recovery = Recovery(("ridge",), mixed, (), mixed, mixed, weights, best, mixed, {}, mixed, mixed, problem.cells)
     values = oracle.metrics({}, recovery)
     assert values["reward/mse"].tolist() == [1, 0]
     assert values["weight/ridge"].tolist() == values["best/ridge"].tolist() == [1, 1]

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import torch
 from torch import Tensor
 
+from credit.cells import Axis
 from credit.interfaces import FeatureMap, RewardModel
 from credit.tensors import matvec
-from credit.types import FLOAT, Estimate, Positive, Problem, Steps, Windows
+from credit.types import FLOAT, Credit, Estimate, Positive, Problem, Windows
 
 
 class LinearModel(RewardModel):
@@ -21,18 +24,30 @@ class LinearModel(RewardModel):
         name: the model's name in metrics, files and figures.
         features: the feature map φ.
         regularization: λ > 0.
+        credit: which steps of a window share its label: every one alike, or the last alone.
     """
 
-    def __init__(self, name: str, features: FeatureMap, regularization: Positive = 0.1) -> None:
+    def __init__(
+        self, name: str, features: FeatureMap, regularization: Positive = 0.1, credit: Credit = "every_step"
+    ) -> None:
         self.name = name
         self.features = features
         self.regularization = regularization
+        self.credit = credit
+
+    @property
+    def looks_at(self) -> Collection[Axis]:  # type: ignore[override]
+        """What the features read, and the step where only the last one counts."""
+        return {*self.features.looks_at, *(("step",) if self.credit == "last_step" else ())}
 
     def start(self, problem: Problem, draws: int) -> None:
         """Empty fits: θ = 0, V = λI."""
-        self._actions = problem.actions
+        self._cells = problem.cells
         self.features.start(problem)
-        self.table = self.features(all_pairs(problem))
+        steps = problem.cells.steps(problem.device)
+        self.table = self.features(steps)
+        if self.credit == "last_step":
+            self.table = self.table * (steps.times == problem.window - 1).unsqueeze(-1)
         self._shape = (problem.replicas, 1 + draws, self.table.shape[-1])
         self._reset()
 
@@ -67,13 +82,13 @@ class LinearModel(RewardModel):
             self._theta[:, fit] = (inverse @ (weighted.mT @ windows.labels.unsqueeze(-1))).squeeze(-1)
 
     def estimate(self) -> Estimate:
-        """Predictions Φθ for every pair: the point fit and the B draws."""
+        """Predictions Φθ for every cell: the point fit and the B draws."""
         values = self._theta @ self.table.mT
         return Estimate(values[:, 0], values[:, 1:])
 
     def window_features(self, windows: Windows) -> Tensor:
         """x_i = Σ_t φ(s_t, a_t) of every window, [R, K, d]."""
-        return self.table[windows.pairs(self._actions)].sum(-2)
+        return self.table[self._cells.index(windows)].sum(-2)
 
     @property
     def theta(self) -> Tensor:
@@ -81,17 +96,10 @@ class LinearModel(RewardModel):
         return self._theta[:, 0]
 
     def leverage(self) -> Tensor:
-        """φᵀV⁻¹φ of every pair [R, N], the squared width of the proof's confidence set (38)."""
+        """φᵀV⁻¹φ of every cell [R, N], the squared width of the proof's confidence set (38)."""
         return torch.einsum("nd,rde,ne->rn", self.table, self._inverse[:, 0], self.table)
 
     def perturbation(self, normal: Tensor) -> Tensor:
         """Φ L z with L Lᵀ = V⁻¹ for standard normal z [R, d]: a posterior draw of the reward, less its mean [R, N]."""
         factor = torch.linalg.cholesky(self._inverse[:, 0])
         return (self.table @ (factor @ normal.unsqueeze(-1))).squeeze(-1)
-
-
-def all_pairs(problem: Problem) -> Steps:
-    """Every (s, a) once, in the order of the index s·A + a."""
-    index = torch.arange(problem.pairs, device=problem.device)
-    states = index // problem.actions
-    return Steps(states, index % problem.actions, states)

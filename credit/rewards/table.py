@@ -1,7 +1,8 @@
-"""The linear estimator on the identity map when there are many pairs: conjugate gradient on those that were visited."""
+"""The linear estimator on the identity map when there are many cells: conjugate gradient on those that were visited."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -9,20 +10,23 @@ import torch
 from scipy.sparse import csr_array
 from torch import Tensor
 
+from credit.cells import PAIRS, Axis
 from credit.interfaces import RewardModel
 from credit.tensors import grown
-from credit.types import FLOAT, Estimate, Positive, PositiveInt, Problem, Windows
+from credit.types import FLOAT, Credit, Estimate, Positive, PositiveInt, Problem, Windows
 
 
 class TableModel(RewardModel):
-    """Tabular ridge reference (4) for thousands of pairs, batched over draws.
+    """Tabular ridge reference (4) for thousands of cells, batched over draws.
 
-    (XᵀWX + λI)θ = XᵀWy is solved after every `observe` by conjugate gradient with a Jacobi preconditioner, from the
-    last solution on. Only visited pairs have unknowns (θ is 0 elsewhere), and X is kept as its T indices a window:
-    memory is O(K·(T + B) + visited pairs·B) a replica. Replicas are solved one after the other.
+    (XᵀWX + λI)θ = XᵀWY is solved after every `observe` by conjugate gradient with a Jacobi preconditioner, from the
+    last solution on. Only visited cells have unknowns (θ is 0 elsewhere), and X is kept as its T indices a window:
+    memory is O(K·(T + B) + visited cells·B) a replica. Replicas are solved one after the other.
 
     Args:
         name: the model's name in metrics, files and figures.
+        looks_at: the axes of the table.
+        credit: which steps of a window share its label: every one alike, or the last alone.
         regularization: λ > 0.
         tolerance: relative residual at which a fit stops; 1e-2 goes stale.
         iterations: most iterations a solve.
@@ -33,24 +37,29 @@ class TableModel(RewardModel):
     def __init__(
         self,
         name: str = "ridge",
+        looks_at: Sequence[Axis] = PAIRS,
+        credit: Credit = "every_step",
         regularization: Positive = 10.0,
         tolerance: Positive = 1e-4,
         iterations: PositiveInt = 200,
     ) -> None:
         self.name = name
+        self.looks_at = {*looks_at, "step"} if credit == "last_step" else looks_at
+        self.credit = credit
         self.regularization = regularization
         self.tolerance = tolerance
         self.iterations = iterations
 
     def start(self, problem: Problem, draws: int) -> None:
-        """No pair was visited."""
+        """No cell was visited."""
         self._problem = problem
-        self._fits = [_Fit(problem, 1 + draws) for _ in problem.seeds]
+        self._first = problem.window - 1 if self.credit == "last_step" else 0
+        self._fits = [_Fit(problem, problem.window - self._first, 1 + draws) for _ in problem.seeds]
 
     def observe(self, windows: Windows, weights: Tensor) -> None:
         """Add windows [R, K, T] with weights [R, K, 1+B] and solve."""
-        pairs = windows.pairs(self._problem.actions)
-        for fit, *new in zip(self._fits, pairs, weights, windows.labels, strict=True):
+        cells = self._problem.cells.index(windows)[..., self._first :]
+        for fit, *new in zip(self._fits, cells, weights, windows.labels, strict=True):
             fit.add(*new)
             fit.solve(self.regularization, self.tolerance, self.iterations)
 
@@ -61,44 +70,44 @@ class TableModel(RewardModel):
         self.observe(windows, weights)
 
     def estimate(self) -> Estimate:
-        """θ for every pair: the point fit [R, N] and the B draws [R, B, N]."""
-        table = self._problem.zeros(self._fits[0].theta.shape[1], self._problem.pairs)
+        """θ for every cell: the point fit [R, N] and the B draws [R, B, N]."""
+        table = self._problem.zeros(self._fits[0].theta.shape[1], self._problem.cells.count)
         for rows, fit in zip(table, self._fits, strict=True):
-            rows[:, fit.pairs] = fit.theta.T
+            rows[:, fit.cells] = fit.theta.T
         return Estimate(table[:, 0], table[:, 1:])
 
 
 class _Fit:
     """The windows of one replica and its 1 + B solutions; small enough to stay in the processor's cache."""
 
-    def __init__(self, problem: Problem, fits: int) -> None:
+    def __init__(self, problem: Problem, width: int, fits: int) -> None:
         device = problem.device
-        self._column = torch.full((problem.pairs,), -1, device=device)  # pair → unknown
-        self.pairs = torch.zeros(0, dtype=torch.int64, device=device)  # unknown → pair
+        self._column = torch.full((problem.cells.count,), -1, device=device)  # cell → unknown
+        self.cells = torch.zeros(0, dtype=torch.int64, device=device)  # unknown → cell
         self.theta = torch.zeros(0, fits, dtype=FLOAT, device=device)
         self.rows = 0
-        self._index = torch.zeros(1, 256, problem.window, dtype=torch.int64, device=device)
+        self._index = torch.zeros(1, 256, width, dtype=torch.int64, device=device)
         self._weights = torch.zeros(1, 256, fits, dtype=FLOAT, device=device)
         self._labels = torch.zeros(1, 256, 1, dtype=FLOAT, device=device)
 
-    def add(self, pairs: Tensor, weights: Tensor, labels: Tensor) -> None:
-        """Append windows [K, T] with weights [K, 1+B] and labels [K]; pairs seen for the first time become unknowns."""
-        fresh = torch.unique(pairs[self._column[pairs] < 0])
-        self._column[fresh] = torch.arange(len(self.pairs), len(self.pairs) + len(fresh), device=pairs.device)
-        self.pairs = torch.cat([self.pairs, fresh])
+    def add(self, cells: Tensor, weights: Tensor, labels: Tensor) -> None:
+        """Append windows [K, T] with weights [K, 1+B] and labels [K]; cells seen for the first time become unknowns."""
+        fresh = torch.unique(cells[self._column[cells] < 0])
+        self._column[fresh] = torch.arange(len(self.cells), len(self.cells) + len(fresh), device=cells.device)
+        self.cells = torch.cat([self.cells, fresh])
         self.theta = torch.cat([self.theta, self.theta.new_zeros(len(fresh), self.theta.shape[1])])
-        before, self.rows = self.rows, self.rows + len(pairs)
+        before, self.rows = self.rows, self.rows + len(cells)
         if self.rows > self._index.shape[1]:
             blocks = (self._index, self._weights, self._labels)
             self._index, self._weights, self._labels = (grown(block, self.rows) for block in blocks)
-        self._index[0, before : self.rows] = self._column[pairs]
+        self._index[0, before : self.rows] = self._column[cells]
         self._weights[0, before : self.rows] = weights
         self._labels[0, before : self.rows, 0] = labels
 
     def solve(self, regularization: float, tolerance: float, iterations: int) -> None:
         """Preconditioned conjugate gradient for all fits at once; a fit that has converged stands still."""
         weights, labels = self._weights[0, : self.rows], self._labels[0, : self.rows]
-        design = Design(self._index[0, : self.rows], len(self.pairs))
+        design = Design(self._index[0, : self.rows], len(self.cells))
         target = design.transposed(weights * labels)
         diagonal = design.transposed(weights).add_(regularization)
         theta = self.theta

@@ -9,7 +9,6 @@ import torch
 
 from credit.interfaces import FeatureMap
 from credit.rewards.features.clinical import Clinical, HealthRegime
-from credit.rewards.linear import all_pairs
 from credit.types import Problem, Steps
 
 HEALTHY, INTERMEDIATE, SEVERE = 0, 1, 2
@@ -66,7 +65,7 @@ def test_every_pair_against_its_digits(make_problem: Callable[..., Problem]) -> 
     clinical, health = Clinical(), HealthRegime()
     for features in (clinical, health):
         features.start(problem)
-    linear, cells = clinical(all_pairs(problem)), health(all_pairs(problem))
+    linear, cells = clinical(problem.cells.steps(problem.device)), health(problem.cells.steps(problem.device))
     assert linear.shape == (10368, 5)
     assert cells.shape == (10368, 9)
     assert linear.dtype == cells.dtype == torch.float64
