@@ -120,6 +120,14 @@ class RewardModel(Component):
         """Predictions for every cell."""
 
 
+class RidgeModel(RewardModel):
+    """A reward model with the confidence set of ridge regression."""
+
+    @abstractmethod
+    def leverage(self) -> Tensor:
+        """φᵀV⁻¹φ of every cell [R, N], the squared width of the proof's confidence set (38)."""
+
+
 class Uncertainty(Component):
     """How the draws of all models are made, and the variance of each model."""
 
@@ -145,13 +153,27 @@ class Uncertainty(Component):
     def disagreement(self, reference: Estimate, surrogate: Estimate) -> Tensor:
         """Δ̂²(s, a) [R, N] of a surrogate, (7) or (9)."""
 
+    def label_errors(self, estimates: list[Estimate], dataset: Dataset, cells: Cells) -> Tensor:
+        """Products [R, M, M] of the errors with which models predict labels that they were not fitted to, summed."""
+        raise NotImplementedError(f"{type(self).__name__} holds no labels out")
+
 
 class Mixer(Component):
-    """MSE proxies → weights."""
+    """MSE proxies, or how well labels were predicted, → weights.
+
+    Attributes:
+        sees_label_errors: whether it is shown them; they cost a prediction of every label.
+    """
+
+    sees_label_errors: ClassVar[bool] = False
 
     @abstractmethod
-    def weights(self, mse: Tensor) -> Tensor:
-        """Weights [..., M, N] that sum to one over M, from proxies of the same shape."""
+    def weights(self, mse: Tensor, label_errors: Tensor | None = None) -> Tensor:
+        """Weights [..., M, N] that sum to one over M.
+
+        Args:
+            mse: proxies [..., M, N]. label_errors: sums of products of the models' held-out label errors [..., M, M].
+        """
 
 
 class Bonus(Component):

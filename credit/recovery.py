@@ -62,14 +62,14 @@ class RewardRecovery(RewardFunction):
         for bonus in self.bonus.values():
             bonus.start(problem)
         self._visits = problem.zeros(problem.cells.count)
-        self._recovery = self._recover()
+        self._recovery = self._recover(Dataset(problem, 0))
 
     def observe(self, dataset: Dataset) -> None:
         """Count visits, refit every model with the newest windows, and recover the reward anew."""
         cells = self._cells.index(dataset.new).flatten(1)
         self._visits.scatter_add_(1, cells, torch.ones_like(cells, dtype=self._visits.dtype))
         self.uncertainty.observe(self.models, dataset)
-        self._recovery = self._recover()
+        self._recovery = self._recover(dataset)
 
     def recovery(self) -> Recovery:
         """What is believed since the last windows."""
@@ -80,7 +80,7 @@ class RewardRecovery(RewardFunction):
         cells = self._cells.index(windows)
         return self._recovery.plan.gather(1, cells.flatten(1)).view(cells.shape)
 
-    def _recover(self) -> Recovery:
+    def _recover(self, dataset: Dataset) -> Recovery:
         reference, *surrogates = [model.estimate() for model in self.models]
         gaps = [self.uncertainty.disagreement(reference, surrogate) for surrogate in surrogates]
         excess = [self.uncertainty.prior(self._visits), *gaps]
@@ -90,7 +90,10 @@ class RewardRecovery(RewardFunction):
         ]
         mse = torch.stack(proxies, dim=1)
         mean = torch.stack([reference.mean, *(surrogate.mean for surrogate in surrogates)], dim=1)
-        weights = self.mixer.weights(mse)
+        errors = None
+        if self.mixer.sees_label_errors:
+            errors = self.uncertainty.label_errors([reference, *surrogates], dataset, self._cells)
+        weights = self.mixer.weights(mse, errors)
         mixed = mix(weights, mean)
         recovery = Recovery(
             models=self.names,

@@ -60,6 +60,10 @@ class FiniteHorizon(Optimizer):
         recovery = self._assigner.recovery()
         return {"behaviour": self._policy, "greedy": self._plan(recovery.cells, recovery.mixed)}
 
+    def executed(self) -> Tensor:
+        """The optimistic policy [R, T, S]."""
+        return self._policy
+
     def _shuffle(self) -> None:
         self._order = 1 + self._stream.next().view(-1, self._problem.states, self._problem.actions)
 

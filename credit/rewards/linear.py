@@ -8,12 +8,12 @@ import torch
 from torch import Tensor
 
 from credit.cells import Axis
-from credit.interfaces import FeatureMap, RewardModel
+from credit.interfaces import FeatureMap, RidgeModel
 from credit.tensors import matvec
 from credit.types import FLOAT, Credit, Estimate, Positive, Problem, Windows
 
 
-class LinearModel(RewardModel):
+class LinearModel(RidgeModel):
     """Linear in a feature map, fitted to window labels by ridge regression (4), (6).
 
     θ = argmin Σ_i w_i (Y_i − x_iᵀθ)² + λ‖θ‖², with x_i = Σ_{t∈i} φ(s_t, a_t). On the identity map this is the tabular
@@ -61,6 +61,9 @@ class LinearModel(RewardModel):
         """Update every fit with windows [R, K, T] and weights [R, K, 1+B]."""
         sums = self.window_features(windows)
         replicas, fits, size = self._shape
+        if sums.shape[1] > size:
+            self._absorb(sums, windows.labels, weights)
+            return
         flat = self._inverse.view(replicas * fits, size, size)
         for k in range(sums.shape[1]):
             x, w = sums[:, k], weights[:, k]
@@ -69,6 +72,13 @@ class LinearModel(RewardModel):
             error = windows.labels[:, k : k + 1] - matvec(self._theta, x)
             flat.baddbmm_(gain.view(-1, size, 1), u.view(-1, 1, size), alpha=-1)
             self._theta.addcmul_(gain, error.unsqueeze(-1))
+
+    def _absorb(self, x: Tensor, labels: Tensor, weights: Tensor) -> None:
+        """The same for more windows than features, [R, K, d]: one inverse is cheaper than K updates."""
+        weighted = x.unsqueeze(1) * weights.mT.unsqueeze(-1)  # [R, F, K, d]
+        self._inverse = torch.linalg.inv(torch.linalg.inv(self._inverse) + weighted.mT @ x.unsqueeze(1))
+        error = labels.unsqueeze(1) - self._theta @ x.mT
+        self._theta += (self._inverse @ (weighted.mT @ error.unsqueeze(-1))).squeeze(-1)
 
     def refit(self, windows: Windows, weights: Tensor) -> None:
         """Forget everything and solve the weighted normal equations of windows [R, K, T]."""
