@@ -31,7 +31,8 @@ class Scale:
             means: one a row of the table, NaN = not known.
             errors: their standard errors, NaN = not known.
         """
-        sizes, spreads = means.abs()[means != 0].dropna(), errors[errors > 0]
+        # equal scores may leave an error of rounding
+        sizes, spreads = means.abs()[means != 0].dropna(), errors[errors > 1e-9 * means.abs()]
         exponent = 0
         if len(sizes) and (sizes.min() >= 1e4 or sizes.max() < 0.05):
             exponent = 3 * math.floor(math.log10(sizes.min()) / 3)

@@ -2,9 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import pandas as pd
 
 from credit.report.comparison import Comparison, interval_of
+from credit.report.runs import Runs
+
+
+def heading(runs: Runs) -> str:
+    """The setting as one would type it; empty where it has no name."""
+    return f"feedback={runs.setting}" if runs.setting else ""
+
+
+def captions(comparisons: Sequence[Comparison]) -> list[str]:
+    """The captions of several settings, each once."""
+    return list(dict.fromkeys(map(caption, comparisons)))
 
 
 def caption(comparison: Comparison) -> str:
@@ -33,9 +46,8 @@ def sentences(comparison: Comparison) -> list[str]:
             known = row[f"{measure.metric}/n"]
             if 0 < known < row["n"]:
                 lines.append(f"{measure.title} of {row['name']} is known for {known} of {row['n']} seeds only.")
-    if comparison.unfinished:
-        plural = "run was" if comparison.unfinished == 1 else "runs were"
-        lines.append(f"{comparison.unfinished} unfinished {plural} left out.")
+    if unfinished := len(comparison.runs.unfinished):
+        lines.append(f"{unfinished} unfinished {'run was' if unfinished == 1 else 'runs were'} left out.")
     return lines
 
 
