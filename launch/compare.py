@@ -51,7 +51,7 @@ def main(argv: list[str]) -> int:
 
     from credit.report.compare import compare
     from credit.report.tables import terminal_tables
-    from credit.report.text import captions, heading, sentences
+    from credit.report.text import caption, heading, sentences
 
     report = compare(**options)
     console = Console(highlight=False, markup=False)
@@ -66,8 +66,7 @@ def main(argv: list[str]) -> int:
             console.print(line)
         if comparison is not report.comparisons[-1]:
             console.print()
-    for line in captions(report.comparisons):
-        console.print(line, style="dim")
+    console.print(caption(*report.comparisons), style="dim")
     console.print(f"\nTables and figures in {report.folder}:", soft_wrap=True)
     console.print("  " + "  ".join(path.name for path in report.files))
     if report.logged:

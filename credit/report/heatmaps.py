@@ -11,6 +11,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from numpy.typing import NDArray
 
 from credit.report.recovered import Block, Maps
 from credit.report.statistics import Array
@@ -44,15 +45,12 @@ def heatmaps_figure(maps: Maps) -> Figure:
 def _draw_block(block: Block, grid: Grid, axes: tuple[str, ...], scale: Normalize) -> None:
     *places, last = grid.ravel()
     for place, (title, table) in zip(places, block.rewards.items(), strict=False):
-        _draw(place, table, title, axes, SHADES, scale)
+        _draw(place, table, block.seen, axes, SHADES, scale)
+        place.set_title(title, fontweight="normal")
     for place in places[len(block.rewards) :]:
         place.set_visible(False)
-    _draw(last, block.weight, block.weight_title, axes, BLUES, SHARE)
-    for place in grid.ravel():
-        for row, column in np.argwhere(~block.seen):
-            place.add_patch(
-                Rectangle((column - 0.5, row - 0.5), 1, 1, fill=False, hatch="////", edgecolor="#9a9a9a", linewidth=0)
-            )
+    _draw(last, block.weight, block.seen, axes, BLUES, SHARE)
+    last.set_title(block.weight_title, fontweight="normal")
     # The weight stands last in the last row, so that its bar can stand beside it.
     for panels, limits, colours, label in ((grid[:-1], scale, SHADES, "reward"), (grid[-1], SHARE, BLUES, "weight")):
         bar = grid[0, 0].figure.colorbar(ScalarMappable(limits, colours), ax=panels, fraction=0.02, pad=0.01)
@@ -61,23 +59,21 @@ def _draw_block(block: Block, grid: Grid, axes: tuple[str, ...], scale: Normaliz
         bar.set_label(label, fontsize=8)
 
 
-def _draw(place: Axes, table: Array, title: str, axes: tuple[str, ...], colours: Colormap, scale: Normalize) -> None:
+def _draw(
+    place: Axes, table: Array, seen: NDArray[np.bool_], axes: tuple[str, ...], colours: Colormap, scale: Normalize
+) -> None:
     place.imshow(table, cmap=colours, norm=scale, aspect="auto", origin="lower")
     for (row, column), value in np.ndenumerate(table):
         if np.isnan(value):
             continue
-        red, green, blue, _ = colours(float(scale(value)))
-        bright = 0.299 * red + 0.587 * green + 0.114 * blue > 0.55
-        place.text(
-            column,
-            row,
-            _short(value),
-            ha="center",
-            va="center",
-            fontsize=7,
-            color="black" if bright else "white",
-        )
-    place.set_title(title, fontweight="normal")
+        shade = colours(float(scale(value)))
+        bright = 0.299 * shade[0] + 0.587 * shade[1] + 0.114 * shade[2] > 0.55
+        text = place.text(column, row, _short(value), ha="center", va="center", fontsize=7)
+        text.set_color("black" if bright else "white")
+        if not seen[row, column]:
+            corner = (column - 0.5, row - 0.5)
+            place.add_patch(Rectangle(corner, 1, 1, fill=False, hatch="////", edgecolor="#9a9a9a", linewidth=0))
+            text.set_bbox({"facecolor": shade, "edgecolor": "none", "pad": 1.0})
     place.set_xticks(range(table.shape[1]))
     place.set_yticks(range(table.shape[0]) if len(axes) > 1 else [])
     place.tick_params(length=0, labelsize=7.5)

@@ -189,7 +189,7 @@ def _read_run(folder: Path, feedbacks: dict[str, str]) -> dict[str, Any]:
 def _feedback_of_unfinished(folder: Path) -> str:
     try:
         return read_feedback(folder)
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError):
         return ""
 
 

@@ -33,13 +33,14 @@ def read_feedback(folder: Path) -> str:
     """The `feedback` node of a run's configuration, as text that is equal where two runs have the same labels.
 
     Raises:
-        OSError, ValueError, KeyError: the configuration cannot be read, or has no feedback.
+        OSError: the configuration cannot be read.
+        ValueError: it has no feedback.
     """
     try:
-        config = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))
-    except yaml.YAMLError as error:
-        raise ValueError(f"config.yaml: {error}") from error
-    return json.dumps(config["feedback"], sort_keys=True)
+        feedback = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))["feedback"]
+        return json.dumps({"_target_": feedback["_target_"], **feedback}, sort_keys=True)
+    except (yaml.YAMLError, KeyError, TypeError) as error:
+        raise ValueError(f"no feedback in config.yaml: {type(error).__name__}: {error}") from error
 
 
 def name_settings(feedbacks: Iterable[str]) -> dict[str, str]:

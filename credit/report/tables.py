@@ -13,7 +13,7 @@ from rich.text import Text
 
 from credit.report.comparison import Comparison, Row, interval_of
 from credit.report.scale import SUPERSCRIPTS, UNKNOWN, Scale
-from credit.report.text import caption, captions, heading, sentences
+from credit.report.text import caption, heading, sentences
 
 Cell = tuple[str, str]  # a value, and what stands in brackets below or after it ("" = nothing)
 GAP = 2  # characters between two columns of a terminal table
@@ -71,7 +71,7 @@ def markdown(*comparisons: Comparison) -> str:
             lines += [_pipes([f"{value} {below}".strip() for value, below in row]) for row in grid.rows]
             parts.append("\n".join(lines))
         parts.append("\n".join(f"- {line}" for line in sentences(comparison)))
-    return "\n\n".join([*filter(None, parts), *captions(comparisons)]) + "\n"
+    return "\n\n".join([*filter(None, parts), caption(*comparisons)]) + "\n"
 
 
 def latex(*comparisons: Comparison) -> str:

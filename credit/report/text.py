@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import pandas as pd
 
 from credit.report.comparison import Comparison, interval_of
@@ -15,27 +13,9 @@ def heading(runs: Runs) -> str:
     return f"feedback={runs.setting}" if runs.setting else ""
 
 
-def captions(comparisons: Sequence[Comparison]) -> list[str]:
-    """The captions of several settings, each once."""
-    return list(dict.fromkeys(map(caption, comparisons)))
-
-
-def caption(comparison: Comparison) -> str:
-    """What the columns mean, in one paragraph of plain text."""
-    parts = ["± is one standard error over seeds"]
-    if comparison.paper:
-        parts.append(f"[mean ± s.e.] is from {comparison.paper.source}, {comparison.paper.seeds} seeds")
-    parts.append("IQM is the interquartile mean with a 95% bootstrap interval over seeds")
-    if comparison.reference:
-        direction = "lower" if comparison.primary.lower_is_better else "higher"
-        parts.append(
-            f"differences to {comparison.reference_name} are paired by seed, with a 95% t-interval; "
-            f"P(improvement) is the probability that a run of the method has the {direction} "
-            f"{comparison.primary.title.lower()} of the two, with a 95% bootstrap interval"
-        )
-    if comparison.counts_trapped:
-        parts.append(f"trapped seeds end with a regret above {comparison.trapped_above:g}")
-    return "; ".join(parts) + "."
+def caption(*comparisons: Comparison) -> str:
+    """What the columns mean, in one paragraph of plain text for all settings."""
+    return "; ".join(dict.fromkeys(part for comparison in comparisons for part in _explained(comparison))) + "."
 
 
 def sentences(comparison: Comparison) -> list[str]:
@@ -49,6 +29,23 @@ def sentences(comparison: Comparison) -> list[str]:
     if unfinished := len(comparison.runs.unfinished):
         lines.append(f"{unfinished} unfinished {'run was' if unfinished == 1 else 'runs were'} left out.")
     return lines
+
+
+def _explained(comparison: Comparison) -> list[str]:
+    parts = ["± is one standard error over seeds"]
+    if comparison.paper:
+        parts.append(f"[mean ± s.e.] is from {comparison.paper.source}, {comparison.paper.seeds} seeds")
+    parts.append("IQM is the interquartile mean with a 95% bootstrap interval over seeds")
+    if comparison.reference:
+        direction = "lower" if comparison.primary.lower_is_better else "higher"
+        parts.append(
+            f"differences to {comparison.reference_name} are paired by seed, with a 95% t-interval; "
+            f"P(improvement) is the probability that a run of the method has the {direction} "
+            f"{comparison.primary.title.lower()} of the two, with a 95% bootstrap interval"
+        )
+    if comparison.counts_trapped:
+        parts.append(f"trapped seeds end with a regret above {comparison.trapped_above:g}")
+    return parts
 
 
 def _differences(comparison: Comparison) -> list[str]:
