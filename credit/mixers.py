@@ -118,9 +118,7 @@ def stacked_weights(errors: Tensor) -> Tensor:
     factor = torch.linalg.cholesky(errors)
     target = torch.linalg.solve_triangular(factor, torch.ones_like(errors[..., :1]), upper=False)
     count = errors.shape[-1]
-    systems = zip(
-        factor.mT.reshape(-1, count, count).cpu().numpy(), target.reshape(-1, count).cpu().numpy(), strict=True
-    )
-    found = np.stack([nnls(matrix, vector)[0] for matrix, vector in systems])
+    matrices, vectors = factor.mT.reshape(-1, count, count).cpu().numpy(), target.reshape(-1, count).cpu().numpy()
+    found = np.stack([nnls(matrix, vector)[0] for matrix, vector in zip(matrices, vectors, strict=True)])
     weights = torch.from_numpy(found / found.sum(-1, keepdims=True))
     return weights.view(errors.shape[:-1]).to(errors.device)

@@ -121,7 +121,7 @@ class Trainer(Component):
         return self._explorer if done < self.random_windows else self.optimizer
 
     def _round(self, done: int) -> int:
-        """How many windows come before the next refit; a round neither crosses the first windows nor the random ones."""
+        """How many windows come before the next refit; a round crosses neither border."""
         size = self.first_windows_per_round if done < self.first_windows else self.windows_per_round
         ends = [end - done for end in (self.first_windows, self.random_windows) if end > done]
         return min([size, *ends])
