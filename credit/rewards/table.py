@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from typing import ClassVar
 
 import numpy as np
@@ -14,6 +15,8 @@ from credit.cells import PAIRS, Axis
 from credit.interfaces import RidgeModel
 from credit.tensors import grown
 from credit.types import FLOAT, Credit, Estimate, Positive, PositiveInt, Problem, Windows
+
+PASS = 1e-8  # how much smaller the energy of a residual becomes in one pass of single precision
 
 
 class TableModel(RidgeModel):
@@ -132,31 +135,55 @@ class _Fit:
     def solve(self, regularization: float, tolerance: float, iterations: int) -> None:
         """Preconditioned conjugate gradient for all fits at once; a fit that has converged stands still.
 
-        The residual is taken in double precision, the correction that removes it is found in single, at half the time.
+        Residuals are taken in double precision, and the correction that removes one is found in single, in half the
+        time; a tolerance that single precision cannot reach in one pass takes another.
         """
-        weights = self._weights[0, : self.rows]
         design = Design(self._index[0, : self.rows], len(self.cells))
-        fitted = design.transposed(weights * design(self.theta)).add_(self.theta, alpha=regularization)
+        weights = self._weights[0, : self.rows]
         inverse = (self._visits + regularization).reciprocal_()
-        enough = (tolerance**2 * (self._target.square() * inverse).sum(0)).float()
-        residual, scale = (self._target - fitted).float(), inverse.float()
-        design, weights = design.single(), weights.float()
-        correction = torch.zeros_like(residual)
-        step = residual * scale
-        energy = (residual * step).sum(0)
-        for _ in range(iterations):
-            active = energy > enough
-            if not active.any():
+        enough = tolerance**2 * (self._target.square() * inverse).sum(0)
+        single = Normal(design.single(), weights.float(), regularization)
+        double = Normal(design, weights, regularization)
+        while iterations > 0:
+            residual = self._target - double(self.theta)
+            energy = (residual.square() * inverse).sum(0)
+            goal = torch.maximum(enough, PASS * energy)
+            correction, taken = single.solve(residual.float(), inverse.float(), goal.float(), iterations)
+            self.theta = self.theta + correction
+            iterations -= max(taken, 1)
+            if torch.equal(goal, enough):
                 break
-            image = design.transposed(design(step).mul_(weights)).add_(step, alpha=regularization)
+
+
+class Normal:
+    """V = XᵀWX + λI, for vectors [V, F] with weights [rows, F] of their own."""
+
+    def __init__(self, design: Design, weights: Tensor, regularization: float) -> None:
+        self._design, self._weights, self._regularization = design, weights, regularization
+
+    def __call__(self, vectors: Tensor) -> Tensor:
+        """V @ v."""
+        fitted = self._design(vectors).mul_(self._weights)
+        return self._design.transposed(fitted).add_(vectors, alpha=self._regularization)
+
+    def solve(self, residual: Tensor, inverse: Tensor, goal: Tensor, iterations: int) -> tuple[Tensor, int]:
+        """x with V x = r, and the iterations it took; stops where rᵀM⁻¹r is below the goal [F], M⁻¹ = `inverse`."""
+        solution = torch.zeros_like(residual)
+        step = residual * inverse
+        energy = (residual * step).sum(0)
+        for taken in range(iterations):
+            active = energy > goal
+            if not active.any():
+                return solution, taken
+            image = self(step)
             length = torch.where(active, energy / (step * image).sum(0), 0.0)
-            correction.addcmul_(length, step)
+            solution.addcmul_(length, step)
             residual.addcmul_(length, image, value=-1)
-            scaled = residual * scale
+            scaled = residual * inverse
             following = (residual * scaled).sum(0)
             step.mul_(torch.where(active, following / energy, 0.0)).add_(scaled)
             energy = torch.where(active, following, energy)
-        self.theta = self.theta + correction
+        return solution, iterations
 
 
 class Design:
@@ -164,30 +191,32 @@ class Design:
 
     def __init__(self, index: Tensor, columns: int) -> None:
         self._index, self._columns = index, columns
-        self._sparse: tuple[csr_array, csr_array] | None = None
+        self._sparse: csr_array | None = None
         if index.device.type == "cpu":  # SciPy is several times faster than torch's gather and scatter here
             rows, width = index.shape
             cells = (np.ones(index.numel()), index.flatten().numpy(), np.arange(0, rows * width + 1, width))
-            forward = csr_array(cells, shape=(rows, columns))
-            self._sparse = forward, forward.T
+            self._sparse = csr_array(cells, shape=(rows, columns))
+            self._transposed = self._sparse.T
 
     def single(self) -> Design:
         """The same for vectors in single precision."""
-        if self._sparse is not None:
-            forward = self._sparse[0].astype(np.float32)
-            self._sparse = forward, forward.T
-        return self
+        if self._sparse is None:
+            return self
+        single = copy(self)
+        single._sparse = self._sparse.astype(np.float32)
+        single._transposed = single._sparse.T
+        return single
 
     def __call__(self, vectors: Tensor) -> Tensor:
         """X @ v."""
         if self._sparse is not None:
-            return torch.from_numpy(self._sparse[0] @ vectors.numpy())
+            return torch.from_numpy(self._sparse @ vectors.numpy())
         return vectors[self._index].sum(1)
 
     def transposed(self, vectors: Tensor) -> Tensor:
         """Xᵀ @ z."""
         if self._sparse is not None:
-            return torch.from_numpy(self._sparse[1] @ vectors.numpy())
+            return torch.from_numpy(self._transposed @ vectors.numpy())
         total = vectors.new_zeros(self._columns, vectors.shape[1])
         for column in self._index.T:
             total.index_add_(0, column, vectors)
