@@ -7,7 +7,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from credit.envs.sepsis import abnormal, decode, treatments
+from credit.envs.sepsis import RADIX, abnormal, decode, treatments
 from credit.interfaces import FeatureMap
 from credit.types import FLOAT, Problem, Steps
 
@@ -44,3 +44,17 @@ class HealthRegime(FeatureMap):
         regime = torch.where((wrong == 0) & (treated == 0), 0, torch.where(wrong >= 3, 2, 1))
         intensity = treatments(steps.actions).clamp(max=2)
         return torch.nn.functional.one_hot(regime * 3 + intensity, 9).to(FLOAT)
+
+
+class Patient(FeatureMap):
+    """The eight digits of the state, each one-hot: all that there is to know of a patient, with its structure."""
+
+    domain: ClassVar = "tabular"
+
+    def start(self, problem: Problem) -> None:
+        """Nothing to learn."""
+
+    def __call__(self, steps: Steps) -> Tensor:
+        """Zeros and ones [..., 20]: two for diabetes, three a vital, two a treatment."""
+        digits = zip(decode(steps.states).unbind(-1), RADIX.values(), strict=True)
+        return torch.cat([torch.nn.functional.one_hot(digit, radix) for digit, radix in digits], dim=-1).to(FLOAT)
