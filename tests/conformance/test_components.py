@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 import re
 from collections.abc import Callable
 from functools import cache
@@ -394,15 +395,17 @@ def test_environments(name: str) -> None:
 
 @pytest.mark.parametrize("name", sorted(registry.options("method")))
 def test_methods_run(name: str) -> None:
-    config = registry.compose(["tracking=none", f"method={name}", "trainer.steps=140", "trainer.log_every=5"])
+    experiment = next(experiment for experiment in EXPERIMENTS if fits(experiment, f"method={name}"))
+    short = ["trainer.steps=140", "trainer.windows_per_round=1", "trainer.log_every=5"]
+    config = registry.compose(["tracking=none", f"experiment={experiment}", f"method={name}", *short])
     assert config["method"] == name
     assert config["title"] != name
     trainer: Trainer = schema.build(job.checked(config), "trainer")
     trainer.start((0, 1))
     rows: list[dict[str, torch.Tensor]] = []
     trainer.run(lambda step, values: rows.append(values))
-    assert len(trainer.dataset) == 20
-    assert len(rows) == 4
+    assert len(trainer.dataset) == 140 // trainer.problem.window
+    assert len(rows) == math.ceil(len(trainer.dataset) / 5)
     for values in rows:
         assert all(value.shape == (2,) and torch.isfinite(value).all() for value in values.values()), values
 
