@@ -97,7 +97,7 @@ class DQN(Optimizer):
         self._adam = torch.optim.Adam(self._online.parameters(), lr=self.learning_rate, fused=False)
         self._replay = Replay(problem, self.capacity, self.batch, self.discount)
         self._stream = Stream(problem, "epsilon-greedy", "uniform", 2)
-        self._windows, self._steps = 0, 0
+        self._windows, self._updates = 0, 0
         self._policy = self._greedy()
 
     def act(self, states: Tensor, step: int) -> Tensor:
@@ -164,8 +164,8 @@ class DQN(Optimizer):
         self._adam.zero_grad()
         error.backward()
         self._adam.step()
-        self._steps += 1
-        if self._steps % self.target_sync == 0:
+        self._updates += 1
+        if self._updates % self.target_sync == 0:
             self._target.load_state_dict(self._online.state_dict())
 
     @torch.no_grad()
