@@ -134,19 +134,20 @@ class Plain:
 
 
 @pytest.mark.parametrize(
-    ("rule", "keys"),
+    ("spread", "keys"),
     [
-        (Delayed(), {}),
-        (Delayed(), {"double": False}),
-        (Delayed(), {"monte_carlo": 0.5, "loss": "smooth_l1"}),
-        (Uniform(), {"discount": 0.8, "monte_carlo": 0.25}),
-        (Uniform(), {"hidden": (), "target_sync": 1}),
+        ("delayed", {}),
+        ("delayed", {"double": False}),
+        ("delayed", {"monte_carlo": 0.5, "loss": "smooth_l1"}),
+        ("uniform", {"discount": 0.8, "monte_carlo": 0.25}),
+        ("uniform", {"hidden": (), "target_sync": 1}),
     ],
     ids=str,
 )
 def test_learning_equals_plain_loops(
-    problem: Problem, make_windows: MakeWindows, rule: CreditAssigner, keys: dict[str, Any]
+    problem: Problem, make_windows: MakeWindows, spread: str, keys: dict[str, Any]
 ) -> None:
+    rule: CreditAssigner = {"delayed": Delayed, "uniform": Uniform}[spread]()
     keys = {**SMALL, "updates": 3, "target_sync": 5, **keys}
     learner = DQN(OneHot(), **keys)
     learner.start(problem)
@@ -175,7 +176,11 @@ def test_targets_by_hand() -> None:
     assert targets(*parts, discount=0.5, monte_carlo=0.25).tolist() == [2.5, 3.0]
 
 
-@pytest.mark.parametrize("keys", [{}, {"hidden": (17, 5), "batch": 13}, {"hidden": (), "monte_carlo": 0.5}], ids=str)
+@pytest.mark.parametrize(
+    "keys",
+    [{}, {"hidden": (17, 5), "batch": 13}, {"hidden": (64, 1), "batch": 16}, {"hidden": (), "batch": 1}],
+    ids=str,
+)
 def test_a_replica_is_the_same_alone_and_in_a_batch(
     make_problem: Make, make_windows: MakeWindows, keys: dict[str, Any]
 ) -> None:
@@ -213,7 +218,7 @@ def test_initial_weights_are_uniform_and_differ_from_layer_to_layer(make_problem
         for weight in scaled:
             assert 0.97 < np.abs(weight).max() <= 1
             assert abs(weight.std() - 3**-0.5) < 5 * 0.27 / weight.size**0.5
-        assert not np.isin(scaled[0].round(5), scaled[1].round(5)).all()
+        assert np.isin(scaled[0].round(5), scaled[1].round(5)).mean() < 0.1  # by chance alone 2%
         assert np.abs(net[1]).max() <= 25**-0.5
         assert np.abs(net[3]).max() <= 64**-0.5
 
