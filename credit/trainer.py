@@ -69,7 +69,7 @@ class Trainer(Component):
         if self.steps < window:
             raise UserError(f"trainer.steps={self.steps}: shorter than one window (feedback.window={window})")
         whole = self.steps // window
-        for key in ("windows_per_round", "first_windows", "random_windows"):
+        for key in ("windows_per_round", "first_windows_per_round", "random_windows"):
             if getattr(self, key) > whole:
                 raise UserError(
                     f"trainer.{key}={getattr(self, key)}: more than the {whole} windows of the whole run "

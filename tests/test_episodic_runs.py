@@ -14,7 +14,7 @@ from credit.trainer import Trainer
 Make = Callable[..., Trainer]
 Arrays = dict[str, np.ndarray]
 SHORT = ("experiment=sepsis", "trainer.steps=200", "trainer.log_every=20")
-LEARNERS = ["reference", "adaptive_mse", "disagreement", "random"]
+LEARNERS = ["reference", "adaptive_mse", "disagreement", "delayed", "random"]
 STATES, ACTIONS, WINDOW = 1296, 8, 5
 PENALTY, PRIOR, COUNT, SCALE = 10.0, 0.25, 0.03, 0.1
 
@@ -54,6 +54,7 @@ def test_the_primitive_reward_does_not_leak(make_trainer: Make, method: str, fee
     ("method", "more"),
     [
         ("reference", ()),
+        ("delayed_fair", ()),
         ("disagreement", ()),
         ("disagreement", ("feedback=terminal", "uncertainty.resample=exact")),
         ("disagreement", ("transition=mixture",)),

@@ -76,7 +76,8 @@ class LinearModel(RidgeModel):
     def _absorb(self, x: Tensor, labels: Tensor, weights: Tensor) -> None:
         """The same for more windows than features, [R, K, d]: one inverse is cheaper than K updates."""
         weighted = x.unsqueeze(1) * weights.mT.unsqueeze(-1)  # [R, F, K, d]
-        self._inverse = torch.linalg.inv(torch.linalg.inv(self._inverse) + weighted.mT @ x.unsqueeze(1))
+        precision = torch.linalg.inv(self._inverse) + weighted.mT @ x.unsqueeze(1)
+        self._inverse = torch.linalg.inv(precision).contiguous()
         error = labels.unsqueeze(1) - self._theta @ x.mT
         self._theta += (self._inverse @ (weighted.mT @ error.unsqueeze(-1))).squeeze(-1)
 

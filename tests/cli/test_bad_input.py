@@ -42,7 +42,7 @@ CASES = {
     "parts that do not fit": ((TRAIN, "assigner=delayed"), ["ValueIteration", "RewardFunction", "Delayed"]),
     "bonus without its model": (
         (TRAIN, "method=oracle", "bonus=[elliptical]"),
-        ["Elliptical", "LinearModel", "reference"],
+        ["Elliptical", "RidgeModel", "reference"],
     ),
     "too many macro-actions": (
         (TRAIN, "method=block", "feedback.window=20"),
@@ -53,7 +53,7 @@ CASES = {
         ["1296 states", "transition=observed_counts"],
     ),
     "a continuing planner in episodes": (
-        (TRAIN, "experiment=sepsis", "method=delayed"),
+        (TRAIN, "experiment=sepsis", "method=delayed", "learner=q_learning"),
         ["QLearning works on continuing environments only", "episodic Sepsis"],
     ),
     "shorter than a window": ((TRAIN, "trainer.steps=3"), ["trainer.steps=3", "feedback.window=7"]),

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from credit.interfaces import FeatureMap
-from credit.rewards.features.clinical import Clinical, HealthRegime
+from credit.rewards.features.clinical import Clinical, HealthRegime, Patient
 from credit.types import Problem, Steps
 
 HEALTHY, INTERMEDIATE, SEVERE = 0, 1, 2
@@ -85,6 +85,18 @@ def test_every_pair_against_its_digits(make_problem: Callable[..., Problem]) -> 
     assert torch.equal(cells.argmax(-1), expected[:, 5].long())
     assert (cells.sum(-1) == 1).all()
     assert (cells.sum(0) > 0).all()  # no cell is always empty
+
+
+def test_the_patient_is_its_digits_one_hot_without_the_action() -> None:
+    ill = state(1, (0, 2, 1, 2), (1, 0, 1))
+    diabetes, vitals, treated = [0, 1], [1, 0, 0, 0, 0, 1, 0, 1, 0, 0, 0, 1], [0, 1, 1, 0, 0, 1]
+    by_hand = [*diabetes, *vitals, *treated]
+    assert told(Patient(), (ill, 0), (ill, 7)) == [by_hand, by_hand]
+    states = torch.arange(1296)
+    rows = Patient()(Steps(states, states * 0, states))
+    assert rows.dtype == torch.float64
+    assert len(rows.unique(dim=0)) == 1296
+    assert rows.sum(-1).unique().tolist() == [8]
 
 
 def test_thirds_have_all_their_digits() -> None:

@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import ClassVar, Literal
 
 import torch
 from torch import Tensor
 
-from credit.cells import PAIRS
-from credit.envs.sepsis import ACTIONS, STATES, abnormal, decode, treatments
+from credit.cells import PAIRS, Axis
+from credit.envs.sepsis import ACTIONS, RADIX, STATES, abnormal, decode, treatments
 from credit.errors import UserError
 from credit.interfaces import FeatureMap
 from credit.types import FLOAT, Problem, Steps
 
-Patient = Literal["state", "next_state"]  # whom a map describes: the patient before the step, or the one it leads to
+Whom = Literal["state", "next_state"]  # whom a map describes: the patient before the step, or the one it leads to
 
 
-class _OfPatient(FeatureMap):
-    """What describes a patient."""
+class _Patients(FeatureMap):
+    """What works on patients alone."""
 
     domain: ClassVar = "tabular"
-
-    def __init__(self, patient: Patient = "state") -> None:
-        self.patient = patient
-        self.looks_at = PAIRS if patient == "state" else ("next_state",)
 
     def start(self, problem: Problem) -> None:
         """Nothing to learn.
@@ -34,8 +31,16 @@ class _OfPatient(FeatureMap):
         if (problem.states, problem.actions) != (STATES, ACTIONS):
             raise UserError(
                 f"{type(self).__name__} describes patients of env=sepsis ({STATES} states, {ACTIONS} actions), and the "
-                f"environment has {problem.states} states and {problem.actions} actions; choose other reward models"
+                f"environment has {problem.states} states and {problem.actions} actions; choose other features"
             )
+
+
+class _OfPatient(_Patients):
+    """What describes a patient before or after a step."""
+
+    def __init__(self, patient: Whom = "state") -> None:
+        self.patient = patient
+        self.looks_at: Collection[Axis] = PAIRS if patient == "state" else ("next_state",)
 
     def patients(self, steps: Steps) -> tuple[Tensor, Tensor]:
         """The states that are described, and how many treatments the action gives (it sets those of s')."""
@@ -77,3 +82,14 @@ class HealthRegime(_OfPatient):
         wrong, treated = abnormal(states), treatments(states)
         regime = torch.where((wrong == 0) & (treated == 0), 0, torch.where(wrong >= 3, 2, 1))
         return torch.nn.functional.one_hot(regime * 3 + intensity.clamp(max=2), 9).to(FLOAT)
+
+
+class Patient(_Patients):
+    """The eight digits of the state, each one-hot: all that there is to know of a patient, with its structure."""
+
+    looks_at: Collection[Axis] = frozenset[Axis]({"state"})
+
+    def __call__(self, steps: Steps) -> Tensor:
+        """Zeros and ones [..., 20]: two for diabetes, three a vital, two a treatment."""
+        digits = zip(decode(steps.states).unbind(-1), RADIX.values(), strict=True)
+        return torch.cat([torch.nn.functional.one_hot(digit, radix) for digit, radix in digits], dim=-1).to(FLOAT)
