@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +13,14 @@ from credit.types import Recovery
 
 
 def recovery_arrays(
-    replica: int, dataset: Dataset, recovery: Recovery, truth: Tensor, policy: Tensor
+    replica: int, dataset: Dataset, recovery: Recovery, truth: Tensor, policy: Tensor, summary: Mapping[str, Tensor]
 ) -> dict[str, np.ndarray]:
     """Arrays of one replica, tables over `cells` (the names of the axes: [S, A] by default) unless said.
 
     `windows/states`, `windows/actions`, `windows/next_states` [K, T], `windows/labels` [K]; `models` (names, the
     reference first); `reward/true`, `reward/<model>`, `draws/<model>` [B, ...], `mse/<model>`,
     `disagreement/<surrogate>` (Δ̂²), `weight/<model>`, `best`, `reward/mixed`, `bonus/<name>`, `reward/plan`, `visits`;
-    `policy` [S], or [T, S] by step.
+    `policy` [S], or [T, S] by step; and `axis/<name>`, two small axes over which a large table can be shown.
     """
     shape = recovery.cells.sizes
 
@@ -48,6 +49,7 @@ def recovery_arrays(
         arrays[f"weight/{name}"] = table(recovery.weights[replica, index])
         if index:
             arrays[f"disagreement/{name}"] = table(recovery.disagreement[replica, index - 1])
+    arrays |= {f"axis/{name}": table(values).astype(np.int32) for name, values in summary.items()}
     for name, bonus in recovery.bonus.items():
         arrays[f"bonus/{name}"] = table(bonus[replica])
     return arrays
@@ -57,5 +59,5 @@ def write_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
     """Write an .npz file atomically."""
     temporary = path.with_name(f".{path.name}")
     with temporary.open("wb") as file:
-        np.savez(file, **arrays)  # type: ignore[arg-type]
+        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
     temporary.replace(path)

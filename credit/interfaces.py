@@ -69,6 +69,10 @@ class Environment(Component):
     def collect(self, act: Act, feedback: Feedback, windows: int, steps: int) -> tuple[Windows, Tensor]:
         """Run `act` for some windows of `steps` steps; return labelled windows and, for metrics, r [R, K, T]."""
 
+    def summary(self, cells: Cells) -> dict[str, Tensor]:
+        """Two small axes, name → whole numbers [N], over which a table too large to draw is averaged; or none."""
+        return {}
+
     @abstractmethod
     def oracle(self, problem: Problem, feedback: Feedback) -> Oracle:
         """The metrics that compare a learner with the truth, for the objective that the feedback shows."""
