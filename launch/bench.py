@@ -13,7 +13,10 @@ from credit.errors import UserError, nearest
 from launch.cli import guarded
 from launch.common import Words
 
-BENCHES = {"tabular": "the advertiser's tabular core against the naive way: time, growth, memory, agreement"}
+BENCHES = {
+    "tabular": "the advertiser's tabular core against the naive way: time, growth, memory, agreement",
+    "sepsis": "the solver for thousands of unknown rewards: time, growth, against a dense solve, memory",
+}
 
 
 def main(argv: list[str]) -> int:

@@ -7,8 +7,19 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import torch
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the report: what was measured, the figure, what it should be, whether it is."""
+
+    what: str
+    figure: str
+    target: str = ""
+    met: bool | None = None
 
 
 def cpu_seconds(work: Callable[[], object], repeat: int = 1) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -12,7 +11,7 @@ from scipy import stats
 
 from credit import schema
 from credit.bench import naive
-from credit.bench.measure import cpu_seconds, peak_megabytes, tensor_megabytes
+from credit.bench.measure import Row, cpu_seconds, peak_megabytes, tensor_megabytes
 from credit.runner import compose
 from credit.trainer import Trainer
 
@@ -24,16 +23,6 @@ torch.set_num_threads(1)
 from credit.bench.tabular import fast
 fast(500, replicas={replicas})
 """
-
-
-@dataclass(frozen=True)
-class Row:
-    """One line of the report: what was measured, the figure, what it should be, whether it is."""
-
-    what: str
-    figure: str
-    target: str = ""
-    met: bool | None = None
 
 
 def run(say: Callable[[str], None] = lambda line: None) -> list[Row]:
