@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import torch
 from torch import Tensor
@@ -54,13 +55,11 @@ def refits() -> list[Row]:
     problem, windows, weights = experience()
     model: TableModel = schema.build(compose(["experiment=sepsis"]), "reference")
     model.start(problem, DRAWS)
-    count, ours = windows.labels.shape[1], []
+    parts = (windows.states, windows.actions, windows.next_states, windows.labels)
+    count, ours = windows.labels.shape[1], list[float]()
     for start in range(0, count, ROUND):
-        rows = slice(start, min(start + ROUND, count))
-        new = Windows(
-            *(part[:, rows] for part in (windows.states, windows.actions, windows.next_states, windows.labels))
-        )
-        ours.append(cpu_seconds(lambda new=new, rows=rows: model.observe(new, weights[:, rows])))
+        rows = slice(start, start + ROUND)
+        ours.append(cpu_seconds(partial(model.observe, Windows(*(part[:, rows] for part in parts)), weights[:, rows])))
     last = sum(ours[-5:]) / 5
     held = tensor_megabytes()
     solutions: list[Tensor] = []
@@ -69,7 +68,7 @@ def refits() -> list[Row]:
     fits = torch.cat([estimate.mean, estimate.draws[0]])
     exact = torch.stack(solutions)
     error = float(((fits - exact).abs().amax(1) / exact.abs().amax(1)).max())
-    visited = int((exact[0] != 0).sum())
+    visited = len(windows.pairs(problem.actions).unique())
     return [
         Row(f"milliseconds a refit of {1 + DRAWS} fits, {visited} pairs, {count} episodes", f"{1e3 * last:.1f}"),
         Row("milliseconds a refit, dense solves", f"{1e3 * dense:.0f}"),
