@@ -102,7 +102,7 @@ class _Fit:
         # sums over the windows, a row an unknown: XᵀWY, XᵀW1 (close to the diagonal of XᵀWX) and Σ x²
         self._target, self._visits = self.theta, self.theta
         self.squares = self.theta[:, 0]
-        self.rows = 0
+        self._row: dict[tuple[int, ...], int] = {}  # windows with the same unknowns, in any order, share a row of X
         self._index = torch.zeros(1, 256, width, dtype=torch.int64, device=device)
         self._weights = torch.zeros(1, 256, fits, dtype=FLOAT, device=device)
 
@@ -114,22 +114,30 @@ class _Fit:
         sums = self.theta, self._target, self._visits, self.squares
         more = [torch.cat([block, block.new_zeros(len(fresh), *block.shape[1:])]) for block in sums]
         self.theta, self._target, self._visits, self.squares = more
-        before, self.rows = self.rows, self.rows + len(cells)
+        index = self._column[cells]
+        places = torch.tensor([self._row_of(window) for window in index.sort(-1).values.tolist()], device=cells.device)
         if self.rows > self._index.shape[1]:
             self._index, self._weights = grown(self._index, self.rows), grown(self._weights, self.rows)
-        index = self._column[cells]
-        self._index[0, before : self.rows] = index
+        self._index[0, places] = index
+        self._weights[0].index_add_(0, places, weights)
         shared = (index.unsqueeze(-1) == index.unsqueeze(-2)).sum(-1)  # a step's part of x²: how often its cell occurs
         self.squares.index_add_(0, index.flatten(), shared.flatten().to(FLOAT))
         for column in index.T:
             self._visits.index_add_(0, column, weights)
             self._target.index_add_(0, column, weights * labels.unsqueeze(-1))
-        self._weights[0, before : self.rows] = weights
+
+    @property
+    def rows(self) -> int:
+        """The rows of X."""
+        return len(self._row)
+
+    def _row_of(self, window: list[int]) -> int:
+        return self._row.setdefault(tuple(window), len(self._row))
 
     def forget(self) -> None:
         """Drop the windows; the solution stays as a first guess."""
-        self.rows = 0
-        for block in (self._target, self._visits, self.squares):
+        self._row.clear()
+        for block in (self._weights, self._target, self._visits, self.squares):
             block.zero_()
 
     def solve(self, regularization: float, tolerance: float, iterations: int) -> None:
