@@ -44,7 +44,8 @@ def recovery_arrays(
     }
     for index, name in enumerate(recovery.models):
         arrays[f"reward/{name}"] = table(recovery.mean[replica, index])
-        arrays[f"draws/{name}"] = table(recovery.draws[index][replica])
+        draws = recovery.draws[index][replica]
+        arrays[f"draws/{name}"] = table(draws if recovery.column is None else draws[:, recovery.column[replica]])
         arrays[f"mse/{name}"] = table(recovery.mse[replica, index])
         arrays[f"weight/{name}"] = table(recovery.weights[replica, index])
         if index:

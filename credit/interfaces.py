@@ -11,6 +11,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Collection
 from typing import Any, ClassVar, Protocol
 
+import torch
 from torch import Tensor
 
 from credit.cells import PAIRS, Axis, Cells
@@ -120,8 +121,12 @@ class RewardModel(Component):
         """Forget, and fit windows [R, K, T] with weights [R, K, 1+B]."""
 
     @abstractmethod
-    def estimate(self) -> Estimate:
-        """Predictions for every cell."""
+    def estimate(self, cells: Tensor | None = None) -> Estimate:
+        """Predictions for some cells [R, n], or for all."""
+
+    def looks(self, problem: Problem) -> Tensor:
+        """A number [N] for every cell; unvisited cells with the same number must have the same prediction."""
+        return torch.arange(problem.cells.count, device=problem.device)
 
 
 class RidgeModel(RewardModel):
@@ -157,8 +162,12 @@ class Uncertainty(Component):
     def disagreement(self, reference: Estimate, surrogate: Estimate) -> Tensor:
         """Δ̂²(s, a) [R, N] of a surrogate, (7) or (9)."""
 
-    def label_errors(self, estimates: list[Estimate], dataset: Dataset, cells: Cells) -> Tensor:
-        """Products [R, M, M] of the errors with which models predict labels that they were not fitted to, summed."""
+    def label_errors(self, estimates: list[Estimate], dataset: Dataset, columns: Tensor) -> Tensor:
+        """Products [R, M, M] of the errors with which models predict labels that they were not fitted to, summed.
+
+        Args:
+            estimates: of all models. dataset: the windows. columns: where the estimates have each step [R, K, T].
+        """
         raise NotImplementedError(f"{type(self).__name__} holds no labels out")
 
 

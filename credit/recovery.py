@@ -10,6 +10,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
+from credit.alike import Alike, spread
 from credit.dataset import Dataset
 from credit.errors import UserError
 from credit.interfaces import Bonus, Mixer, RewardFunction, RewardModel, Uncertainty
@@ -62,6 +63,7 @@ class RewardRecovery(RewardFunction):
         for bonus in self.bonus.values():
             bonus.start(problem)
         self._visits = problem.zeros(problem.cells.count)
+        self._alike = Alike([model.looks(problem) for model in self.models])
         self._recovery = self._recover(Dataset(problem, 0))
 
     def observe(self, dataset: Dataset) -> None:
@@ -81,26 +83,35 @@ class RewardRecovery(RewardFunction):
         return self._recovery.plan.gather(1, cells.flatten(1)).view(cells.shape)
 
     def _recover(self, dataset: Dataset) -> Recovery:
-        reference, *surrogates = [model.estimate() for model in self.models]
+        cells, column = None, None
+        if self._alike.saves and self.uncertainty.draws:
+            cells, column = self._alike.choose(self._visits)
+        reference, *surrogates = [model.estimate(cells) for model in self.models]
+        visits = self._visits if cells is None else self._visits.gather(1, cells)
         gaps = [self.uncertainty.disagreement(reference, surrogate) for surrogate in surrogates]
-        excess = [self.uncertainty.prior(self._visits), *gaps]
+        excess = [self.uncertainty.prior(visits), *gaps]
         proxies = [
             self.uncertainty.variance(model, estimate) + more
             for model, estimate, more in zip(self.models, [reference, *surrogates], excess, strict=True)
         ]
         mse = torch.stack(proxies, dim=1)
-        mean = torch.stack([reference.mean, *(surrogate.mean for surrogate in surrogates)], dim=1)
         errors = None
         if self.mixer.sees_label_errors:
-            errors = self.uncertainty.label_errors([reference, *surrogates], dataset, self._cells)
+            steps = self._cells.index(dataset.windows)
+            columns = steps if column is None else column.gather(1, steps.flatten(1)).view(steps.shape)
+            errors = self.uncertainty.label_errors([reference, *surrogates], dataset, columns)
         weights = self.mixer.weights(mse, errors)
+        mean = torch.stack([reference.mean, *(surrogate.mean for surrogate in surrogates)], dim=1)
+        disagreement = torch.stack(gaps, dim=1) if gaps else mse[:, :0]
+        if column is not None:
+            mean, mse, disagreement, weights = (spread(part, column) for part in (mean, mse, disagreement, weights))
         mixed = mix(weights, mean)
         recovery = Recovery(
             models=self.names,
             mean=mean,
             draws=(reference.draws, *(surrogate.draws for surrogate in surrogates)),
             mse=mse,
-            disagreement=torch.stack(gaps, dim=1) if gaps else mse[:, :0],
+            disagreement=disagreement,
             weights=weights,
             best=best_model(mse),
             mixed=mixed,
@@ -108,6 +119,7 @@ class RewardRecovery(RewardFunction):
             plan=mixed,
             visits=self._visits.clone(),
             cells=self._cells,
+            column=column,
         )
         bonus = {name: term(recovery, self.models[0]) for name, term in self.bonus.items()}
         return replace(recovery, bonus=bonus, plan=reduce(torch.add, bonus.values(), mixed))

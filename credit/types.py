@@ -100,7 +100,7 @@ class Recovery:
         disagreement: [R, M−1, N] Δ̂² of each surrogate (9). weights: [R, M, N] (14).
         best: [R, N] index of the locally best model (16). mixed: [R, N] (15).
         bonus: name → [R, N]. plan: [R, N] mixed + bonuses (17), (19). visits: [R, N] counts N(s, a).
-        cells: what the N are.
+        cells: what the N are. column: where the draws have each cell [R, N], if only some that stand for all are kept.
     """
 
     models: tuple[str, ...]
@@ -115,3 +115,4 @@ class Recovery:
     plan: Tensor
     visits: Tensor
     cells: Cells
+    column: Tensor | None = None

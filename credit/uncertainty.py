@@ -8,7 +8,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from credit.cells import Cells
 from credit.dataset import Dataset
 from credit.interfaces import RewardModel, Uncertainty
 from credit.rewards.linear import LinearModel
@@ -81,13 +80,13 @@ class Bootstrap(Uncertainty):
         """Mean over the draws of the squared gap (9)."""
         return by_replica(lambda a, b: (a - b).square_().mean(1), reference.draws, surrogate.draws)
 
-    def label_errors(self, estimates: list[Estimate], dataset: Dataset, cells: Cells) -> Tensor:
+    def label_errors(self, estimates: list[Estimate], dataset: Dataset, columns: Tensor) -> Tensor:
         """Out of bag: each window is predicted by the mean of those draws in which it has weight 0."""
         windows = dataset.windows
         replicas, count, steps = windows.states.shape
         out = (self._weights[:, :, 1:] == 0).to(FLOAT)
         known = out.sum(-1).clamp(min=1)
-        index = cells.index(windows).flatten(1).unsqueeze(1)
+        index = columns.flatten(1).unsqueeze(1)
         errors = []
         for estimate in estimates:
             each = estimate.draws.gather(2, index.expand(-1, self.draws, -1))

@@ -92,10 +92,14 @@ class LinearModel(RidgeModel):
             self._inverse[:, fit] = inverse
             self._theta[:, fit] = (inverse @ (weighted.mT @ windows.labels.unsqueeze(-1))).squeeze(-1)
 
-    def estimate(self) -> Estimate:
-        """Predictions Φθ for every cell: the point fit and the B draws."""
-        values = self._theta @ self.table.mT
+    def estimate(self, cells: Tensor | None = None) -> Estimate:
+        """Predictions Φθ for some cells [R, n], or for all: the point fit and the B draws."""
+        values = self._theta @ (self.table if cells is None else self.table[cells]).mT
         return Estimate(values[:, 0], values[:, 1:])
+
+    def looks(self, problem: Problem) -> Tensor:
+        """Cells with the same features have the same prediction."""
+        return torch.unique(self.table, dim=0, return_inverse=True)[1]
 
     def window_features(self, windows: Windows) -> Tensor:
         """x_i = Σ_t φ(s_t, a_t) of every window, [R, K, d]."""

@@ -47,7 +47,12 @@ class PrimitiveReward(RewardModel):
         self._visits.zero_()
         self.observe(windows, weights)
 
-    def estimate(self) -> Estimate:
-        """The table, without spread."""
+    def looks(self, problem: Problem) -> Tensor:
+        """All unvisited cells have 0."""
+        return torch.zeros(problem.cells.count, dtype=torch.int64, device=problem.device)
+
+    def estimate(self, cells: Tensor | None = None) -> Estimate:
+        """The table, for some cells [R, n] or for all, without spread."""
         table = self._total / self._visits.clamp(min=1)
+        table = table if cells is None else table.gather(1, cells)
         return Estimate(table, table.unsqueeze(1).expand(-1, self._draws, -1))

@@ -16,7 +16,7 @@ from credit.interfaces import RidgeModel
 from credit.tensors import grown
 from credit.types import FLOAT, Credit, Estimate, Positive, PositiveInt, Problem, Windows
 
-PASS = 1e-8  # how much smaller the energy of a residual becomes in one pass of single precision
+PASS = 1e-10  # how much smaller the energy of a residual becomes in one pass of single precision
 
 
 class TableModel(RidgeModel):
@@ -72,11 +72,15 @@ class TableModel(RidgeModel):
             fit.forget()
         self.observe(windows, weights)
 
-    def estimate(self) -> Estimate:
-        """θ for every cell: the point fit [R, N] and the B draws [R, B, N]."""
-        table = self._problem.zeros(self._fits[0].theta.shape[1], self._problem.cells.count)
-        for rows, fit in zip(table, self._fits, strict=True):
-            rows[:, fit.cells] = fit.theta.T
+    def looks(self, problem: Problem) -> Tensor:
+        """All unvisited cells have 0."""
+        return torch.zeros(problem.cells.count, dtype=torch.int64, device=problem.device)
+
+    def estimate(self, cells: Tensor | None = None) -> Estimate:
+        """θ for some cells [R, n], or for all: the point fit and the B draws."""
+        chosen = torch.arange(self._problem.cells.count, device=self._problem.device)
+        chosen = chosen.expand(self._problem.replicas, -1) if cells is None else cells
+        table = torch.stack([fit.predict(of_replica) for fit, of_replica in zip(self._fits, chosen, strict=True)])
         return Estimate(table[:, 0], table[:, 1:])
 
     def leverage(self) -> Tensor:
@@ -133,6 +137,11 @@ class _Fit:
 
     def _row_of(self, window: list[int]) -> int:
         return self._row.setdefault(tuple(window), len(self._row))
+
+    def predict(self, cells: Tensor) -> Tensor:
+        """θ of some cells [F, n], 0 where a cell is no unknown."""
+        padded = torch.nn.functional.pad(self.theta.T, (0, 1))  # column −1 is 0
+        return padded[:, self._column[cells]]
 
     def forget(self) -> None:
         """Drop the windows; the solution stays as a first guess."""
