@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from credit.tracking.palette import COLOURS
 
 # For methods from elsewhere; those that ship have their colours in the palette.
-SPARE = ("#332288", "#c00000", "#999933", "#117733", "#aa4499", "#661100")
+SPARE = ("#117733", "#aa4499", "#661100", "#44aa99", "#6699cc", "#806000")
 DASHES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))
 SETTINGS: dict[Any, Any] = {
     "font.size": 9,
