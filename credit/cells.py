@@ -117,6 +117,10 @@ class Cells:
         table = torch.full(self.sizes, torch.nan, dtype=of_pair.dtype, device=of_pair.device)
         return (table if reward is None else reward.expand(self.sizes)).flatten()
 
+    def spread(self, values: Tensor, over: Cells) -> Tensor:
+        """Values [..., N] of these cells for every cell of a table over these axes and maybe more."""
+        return values if over == self else values[..., self.index(over.steps(values.device))]
+
     def at(self, values: Tensor, step: int, pairs: tuple[int, int]) -> tuple[Tensor, Tensor]:
         """Values [R, N] at one step of the window, as what a planner needs: r(s, a) [R, S, A] and r(s') [R, S'].
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from credit.cells import PAIRS, Axis
+from credit.cells import PAIRS, Axis, Cells
 from credit.interfaces import RewardModel
 from credit.types import FLOAT, Estimate, Problem, Windows
 
@@ -30,8 +30,9 @@ class PrimitiveReward(RewardModel):
 
     def start(self, problem: Problem, draws: int) -> None:
         """Nothing seen yet."""
-        self._cells, self._draws = problem.cells, draws
-        self._total, self._visits = problem.zeros(problem.cells.count), problem.zeros(problem.cells.count)
+        self._all, self._draws = problem.cells, draws
+        self._cells = Cells.over(self.looks_at, problem.window, problem.states, problem.actions)
+        self._total, self._visits = problem.zeros(self._cells.count), problem.zeros(self._cells.count)
 
     def observe(self, windows: Windows, weights: Tensor) -> None:
         """Add the primitive reward of every step."""
@@ -49,5 +50,5 @@ class PrimitiveReward(RewardModel):
 
     def estimate(self) -> Estimate:
         """The table, without spread."""
-        table = self._total / self._visits.clamp(min=1)
+        table = self._cells.spread(self._total / self._visits.clamp(min=1), self._all)
         return Estimate(table, table.unsqueeze(1).expand(-1, self._draws, -1))
