@@ -125,7 +125,7 @@ class Cells:
         Args:
             values: [R, N]. step: t. pairs: S, A.
         """
-        table = values.unflatten(-1, self.sizes)
+        table = values.reshape(-1, *self.sizes)
         if "step" in self.axes:
             table = table[:, step]
         if self.arrival:

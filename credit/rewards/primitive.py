@@ -8,7 +8,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from credit.cells import PAIRS, Axis
+from credit.cells import PAIRS, Axis, Cells
 from credit.interfaces import RewardModel
 from credit.types import FLOAT, Estimate, Problem, Windows
 
@@ -30,8 +30,10 @@ class PrimitiveReward(RewardModel):
 
     def start(self, problem: Problem, draws: int) -> None:
         """Nothing seen yet."""
-        self._cells, self._draws = problem.cells, draws
-        self._total, self._visits = problem.zeros(problem.cells.count), problem.zeros(problem.cells.count)
+        self._draws = draws
+        self._cells = Cells.over(self.looks_at, problem.window, problem.states, problem.actions)
+        self._own = self._cells.index(problem.cells.steps(problem.device))
+        self._total, self._visits = problem.zeros(self._cells.count), problem.zeros(self._cells.count)
 
     def observe(self, windows: Windows, weights: Tensor) -> None:
         """Add the primitive reward of every step."""
@@ -48,11 +50,11 @@ class PrimitiveReward(RewardModel):
         self.observe(windows, weights)
 
     def looks(self, problem: Problem) -> Tensor:
-        """All unvisited cells have 0."""
-        return torch.zeros(problem.cells.count, dtype=torch.int64, device=problem.device)
+        """All unvisited cells have 0, unless the table tells less apart than other models do."""
+        return self._own if self._cells != problem.cells else torch.zeros_like(self._own)
 
     def estimate(self, cells: Tensor | None = None) -> Estimate:
         """The table, for some cells [R, n] or for all, without spread."""
-        table = self._total / self._visits.clamp(min=1)
-        table = table if cells is None else table.gather(1, cells)
+        own = self._own.expand(len(self._total), -1) if cells is None else self._own[cells]
+        table = (self._total / self._visits.clamp(min=1)).gather(1, own)
         return Estimate(table, table.unsqueeze(1).expand(-1, self._draws, -1))
