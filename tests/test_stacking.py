@@ -122,9 +122,16 @@ def test_errors_out_of_bag_against_loops(
     plain = make_problem((5, 6))
     problem = Problem(10, 3, 7, plain.seeds, plain.device, episodic=True, axes=axes)
     if axes == ARRIVALS:
-        models = [LinearModel(str(axes), Identity(axes)), LinearModel("last", Identity(("next_state",)), 1, "last_step")]
+        models = [
+            LinearModel(str(axes), Identity(axes)),
+            LinearModel("last", Identity(("next_state",)), 1, "last_step"),
+        ]
     else:
-        models = [LinearModel("ridge", Identity()), LinearModel("linear", Bilinear()), LinearModel("cells", Threshold())]
+        models = [
+            LinearModel("ridge", Identity()),
+            LinearModel("linear", Bilinear()),
+            LinearModel("cells", Threshold()),
+        ]
     bootstrap, dataset, spy, draws = Bootstrap(3, resample=resample), Dataset(problem, 2), Spy(), 3
     bootstrap.start(problem)
     for model in models:

@@ -257,7 +257,9 @@ def patients() -> tuple[Problem, Windows]:
 
 
 @pytest.mark.parametrize("axes", [PAIRS, TIMED], ids="-".join)
-def test_the_default_tolerance_is_enough_for_patients(patients: tuple[Problem, Windows], axes: tuple[Axis, ...]) -> None:
+def test_the_default_tolerance_is_enough_for_patients(
+    patients: tuple[Problem, Windows], axes: tuple[Axis, ...]
+) -> None:
     problem, windows = replace(patients[0], axes=axes), patients[1]
     weights = poisson(windows, 1)
     model = TableModel(looks_at=axes)
