@@ -88,7 +88,7 @@ def flat(arrays: Arrays, name: str) -> np.ndarray:
 
 def table(run: tuple[str, Arrays], model: str) -> np.ndarray:
     """φ of every cell [N, d] of a surrogate."""
-    what, arrays = run
+    what, _ = run
     features = {"linear": clinical, "health": health}[model.removesuffix("_last")]
     if what == "pairs":
         states, actions = np.divmod(np.arange(STATES * ACTIONS), ACTIONS)

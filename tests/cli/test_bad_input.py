@@ -73,14 +73,6 @@ CASES = {
         (TRAIN, "experiment=sepsis", "method=credit_hypotheses", "trainer.steps=125"),
         ["trainer.random_windows=50", "the 25 windows", "at most 25, or more steps"],
     ),
-    "first windows below 0": (
-        (TRAIN, "trainer.first_windows=-1", "trainer.random_windows=2.5"),
-        ["trainer.first_windows=-1", "int ≥ 0", "trainer.random_windows=2.5", "integer"],
-    ),
-    "share of patients above 1": (
-        (TRAIN, "experiment=sepsis", "env.diabetes=1.5"),
-        ["env.diabetes=1.5", "≥ 0 and ≤ 1"],
-    ),
     "moves up and down above 1 in all": (
         (TRAIN, "experiment=sepsis", "env.fluctuation=.6"),
         ["env.fluctuation=0.6", "≤ 0.5"],
