@@ -293,7 +293,7 @@ def test_the_policy_is_optimal_for_the_plan(run: tuple[str, Arrays]) -> None:
     what, arrays = run
     problem = Problem(STATES, ACTIONS, WINDOW, (SEED,), torch.device("cpu"), episodic=True)
     steps = (torch.from_numpy(arrays[f"windows/{part}"]).long() for part in ("states", "actions", "next_states"))
-    model = ObservedCounts() if what == "pairs" else FactoredMixture()
+    model = ObservedCounts() if what == "pairs" else FactoredMixture(pseudo_counts=50.0)
     model.start(problem)
     model.observe(Windows(*(part.unsqueeze(0) for part in steps), torch.zeros(1, COUNT)))
     value, plan = np.zeros(STATES), arrays["reward/plan"]

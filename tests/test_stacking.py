@@ -140,7 +140,7 @@ def test_errors_out_of_bag_against_loops(
         dataset.append(make_windows(problem, count, seed=count))
         bootstrap.observe([*models, spy], dataset)
     estimates, windows = [model.estimate() for model in models], dataset.windows
-    found = bootstrap.label_errors(estimates, dataset, problem.cells)
+    found = bootstrap.label_errors(estimates, dataset, problem.cells.index(dataset.windows))
     assert found.shape == (2, len(models), len(models))
     weights = torch.cat(spy.shown, dim=1)
     assert weights.shape == (2, 24, 1 + draws)
@@ -174,7 +174,7 @@ def test_before_the_first_window_all_weights_are_equal(make_problem: Make) -> No
     bootstrap = Bootstrap(3)
     bootstrap.start(problem)
     nothing = Estimate(problem.zeros(30), problem.zeros(3, 30))
-    errors = bootstrap.label_errors([nothing] * 4, Dataset(problem, 0), problem.cells)
+    errors = bootstrap.label_errors([nothing] * 4, Dataset(problem, 0), torch.zeros(1, 0, 7, dtype=torch.int64))
     assert torch.equal(errors, torch.eye(4, dtype=FLOAT).repeat(2, 1, 1))
     torch.testing.assert_close(stacked_weights(errors), torch.full((2, 4), 0.25, dtype=FLOAT))
 
@@ -182,4 +182,4 @@ def test_before_the_first_window_all_weights_are_equal(make_problem: Make) -> No
 def test_an_uncertainty_without_resampling_holds_nothing_out(make_problem: Make) -> None:
     problem = make_problem((0,))
     with pytest.raises(NotImplementedError, match="Analytic holds no labels out"):
-        Analytic().label_errors([], Dataset(problem, 0), problem.cells)
+        Analytic().label_errors([], Dataset(problem, 0), torch.zeros(1, 0, 7))
