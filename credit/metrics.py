@@ -20,11 +20,17 @@ def policy_error(policy: Tensor, optimal: Tensor, weight: Tensor | None = None) 
 
 def rank_correlation(first: Tensor, second: Tensor) -> Tensor:
     """Spearman's ρ over the last dimension, ties by order of index; nan where one side is constant or nan."""
-    ranks = [values.argsort(dim=-1, stable=True).argsort(dim=-1).to(FLOAT) for values in (first, second)]
+    ranks = [_ranks(values) for values in (first, second)]
     a, b = (r - r.mean(-1, keepdim=True) for r in ranks)
     rho = (a * b).sum(-1) / (a.square().sum(-1) * b.square().sum(-1)).sqrt()
     unknown = [(x.amax(-1) == x.amin(-1)) | x.isnan().any(-1) for x in (first, second)]
     return rho.masked_fill(unknown[0] | unknown[1], torch.nan)
+
+
+def _ranks(values: Tensor) -> Tensor:
+    order = values.argsort(dim=-1, stable=True)
+    places = torch.arange(values.shape[-1], dtype=FLOAT, device=values.device).expand(values.shape)
+    return torch.zeros(values.shape, dtype=FLOAT, device=values.device).scatter_(-1, order, places)
 
 
 def recovery_metrics(recovery: Recovery | None, truth: Callable[[Cells], Tensor]) -> dict[str, Tensor]:
