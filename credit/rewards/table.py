@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from typing import ClassVar
 
 import numpy as np
 import torch
 from scipy.sparse import csr_array
 from torch import Tensor
+from torch.nn.functional import embedding_bag
 
 from credit.cells import PAIRS, Axis, Cells
 from credit.interfaces import RidgeModel
 from credit.tensors import grown
 from credit.types import FLOAT, Credit, Estimate, Positive, PositiveInt, Problem, Windows
 
+TINY = 1e-30  # single precision's range ends at 1e-38
 PASS = 1e-10  # how much smaller the energy of a residual becomes in one pass of single precision
 
 
@@ -153,7 +154,7 @@ class _Fit:
             block.zero_()
 
     def solve(self, regularization: float, tolerance: float, iterations: int) -> None:
-        """Preconditioned conjugate gradient for all fits at once; a fit that has converged stands still.
+        """Preconditioned conjugate gradient for all fits at once, until the slowest has converged.
 
         Residuals are taken in double precision, and the correction that removes one is found in single, in half the
         time; a tolerance that single precision cannot reach in one pass takes another.
@@ -162,7 +163,7 @@ class _Fit:
         weights = self._weights[0, : self.rows]
         inverse = (self._visits + regularization).reciprocal_()
         enough = tolerance**2 * (self._target.square() * inverse).sum(0)
-        single = Normal(design.single(), weights.float(), regularization)
+        single = Normal(design, weights.float(), regularization)
         double = Normal(design, weights, regularization)
         while iterations > 0:
             residual = self._target - double(self.theta)
@@ -192,17 +193,16 @@ class Normal:
         step = residual * inverse
         energy = (residual * step).sum(0)
         for taken in range(iterations):
-            active = energy > goal
-            if not active.any():
+            if not (energy > goal).any():
                 return solution, taken
             image = self(step)
-            length = torch.where(active, energy / (step * image).sum(0), 0.0)
+            length = energy / (step * image).sum(0).clamp_(min=TINY)  # 0 where a fit is solved to the last bit
             solution.addcmul_(length, step)
             residual.addcmul_(length, image, value=-1)
             scaled = residual * inverse
             following = (residual * scaled).sum(0)
-            step.mul_(torch.where(active, following / energy, 0.0)).add_(scaled)
-            energy = torch.where(active, following, energy)
+            step.mul_(following / energy.clamp_(min=TINY)).add_(scaled)
+            energy = following
         return solution, iterations
 
 
@@ -210,34 +210,28 @@ class Design:
     """X as T column indices a window: X @ v and Xᵀ @ z for v [V, F], z [rows, F]."""
 
     def __init__(self, index: Tensor, columns: int) -> None:
-        self._index, self._columns = index, columns
+        rows, width = index.shape
         self._sparse: csr_array | None = None
-        if index.device.type == "cpu":  # SciPy is several times faster than torch's gather and scatter here
-            rows, width = index.shape
+        if index.device.type == "cpu":  # in double precision SciPy is several times faster here than torch
             cells = (np.ones(index.numel()), index.flatten().numpy(), np.arange(0, rows * width + 1, width))
             self._sparse = csr_array(cells, shape=(rows, columns))
-            self._transposed = self._sparse.T
-
-    def single(self) -> Design:
-        """The same for vectors in single precision."""
-        if self._sparse is None:
-            return self
-        single = copy(self)
-        single._sparse = self._sparse.astype(np.float32)
-        single._transposed = single._sparse.T
-        return single
+            self._sparse_transposed = self._sparse.tocsc().T
+            held, starts = self._sparse_transposed.indices, self._sparse_transposed.indptr
+            self._held, self._starts = torch.from_numpy(held), torch.from_numpy(starts[:-1])
+        else:
+            self._held = index.flatten().argsort(stable=True) // width
+            counts = torch.bincount(index.flatten(), minlength=columns)
+            self._starts = counts.cumsum(0) - counts
+        self._index = index.to(self._held.dtype)
 
     def __call__(self, vectors: Tensor) -> Tensor:
         """X @ v."""
-        if self._sparse is not None:
+        if self._sparse is not None and vectors.dtype == FLOAT:
             return torch.from_numpy(self._sparse @ vectors.numpy())
-        return vectors[self._index].sum(1)
+        return embedding_bag(self._index, vectors, mode="sum")
 
     def transposed(self, vectors: Tensor) -> Tensor:
         """Xᵀ @ z."""
-        if self._sparse is not None:
-            return torch.from_numpy(self._transposed @ vectors.numpy())
-        total = vectors.new_zeros(self._columns, vectors.shape[1])
-        for column in self._index.T:
-            total.index_add_(0, column, vectors)
-        return total
+        if self._sparse is not None and vectors.dtype == FLOAT:
+            return torch.from_numpy(self._sparse_transposed @ vectors.numpy())
+        return embedding_bag(self._held, vectors, self._starts, mode="sum")
