@@ -105,10 +105,9 @@ class _Fit:
     def __init__(self, cells: int, width: int, fits: int, device: torch.device) -> None:
         self._column = torch.full((cells,), -1, device=device)  # cell → unknown
         self.cells = torch.zeros(0, dtype=torch.int64, device=device)  # unknown → cell
-        self.theta = torch.zeros(0, fits, dtype=FLOAT, device=device)
-        # sums over the windows, a row an unknown: XᵀWY, XᵀW1 (close to the diagonal of XᵀWX) and Σ x²
-        self._target, self._visits = self.theta, self.theta
-        self.squares = self.theta[:, 0]
+        # a row an unknown: θ, and sums over the windows, XᵀWY and XᵀW1 (close to the diagonal of XᵀWX)
+        self._blocks = torch.zeros(3, 256, fits, dtype=FLOAT, device=device)
+        self._squares = torch.zeros(1, 256, dtype=FLOAT, device=device)  # Σ x²
         self._row: dict[tuple[int, ...], int] = {}  # windows with the same unknowns, in any order, share a row of X
         self._index = torch.zeros(1, 256, width, dtype=torch.int64, device=device)
         self._weights = torch.zeros(1, 256, fits, dtype=FLOAT, device=device)
@@ -118,9 +117,8 @@ class _Fit:
         fresh = torch.unique(cells[self._column[cells] < 0])
         self._column[fresh] = torch.arange(len(self.cells), len(self.cells) + len(fresh), device=cells.device)
         self.cells = torch.cat([self.cells, fresh])
-        sums = self.theta, self._target, self._visits, self.squares
-        more = [torch.cat([block, block.new_zeros(len(fresh), *block.shape[1:])]) for block in sums]
-        self.theta, self._target, self._visits, self.squares = more
+        if len(self.cells) > self._blocks.shape[1]:
+            self._blocks, self._squares = grown(self._blocks, len(self.cells)), grown(self._squares, len(self.cells))
         index = self._column[cells]
         rows = [self._row_of(window) for window in index.sort(-1).values.tolist()]
         places = torch.tensor(rows, dtype=torch.int64, device=cells.device)
@@ -130,9 +128,20 @@ class _Fit:
         self._weights[0].index_add_(0, places, weights)
         shared = (index.unsqueeze(-1) == index.unsqueeze(-2)).sum(-1)  # a step's part of x²: how often its cell occurs
         self.squares.index_add_(0, index.flatten(), shared.flatten().to(FLOAT))
+        _, target, visits = self._blocks
         for column in index.T:
-            self._visits.index_add_(0, column, weights)
-            self._target.index_add_(0, column, weights * labels.unsqueeze(-1))
+            target.index_add_(0, column, weights * labels.unsqueeze(-1))
+            visits.index_add_(0, column, weights)
+
+    @property
+    def theta(self) -> Tensor:
+        """The solutions [V, 1+B]."""
+        return self._blocks[0, : len(self.cells)]
+
+    @property
+    def squares(self) -> Tensor:
+        """Σ x² [V]."""
+        return self._squares[0, : len(self.cells)]
 
     @property
     def rows(self) -> int:
@@ -150,7 +159,7 @@ class _Fit:
     def forget(self) -> None:
         """Drop the windows; the solution stays as a first guess."""
         self._row.clear()
-        for block in (self._weights, self._target, self._visits, self.squares):
+        for block in (self._weights, self._blocks[1:], self._squares):
             block.zero_()
 
     def solve(self, regularization: float, tolerance: float, iterations: int) -> None:
@@ -159,18 +168,19 @@ class _Fit:
         Residuals are taken in double precision, and the correction that removes one is found in single, in half the
         time; a tolerance that single precision cannot reach in one pass takes another.
         """
+        theta, target, visits = self._blocks[:, : len(self.cells)]
         design = Design(self._index[0, : self.rows], len(self.cells))
         weights = self._weights[0, : self.rows]
-        inverse = (self._visits + regularization).reciprocal_()
-        enough = tolerance**2 * (self._target.square() * inverse).sum(0)
+        inverse = (visits + regularization).reciprocal_()
+        enough = tolerance**2 * (target.square() * inverse).sum(0)
         single = Normal(design, weights.float(), regularization)
         double = Normal(design, weights, regularization)
         while iterations > 0:
-            residual = self._target - double(self.theta)
+            residual = target - double(theta)
             energy = (residual.square() * inverse).sum(0)
             goal = torch.maximum(enough, PASS * energy)
             correction, taken = single.solve(residual.float(), inverse.float(), goal.float(), iterations)
-            self.theta = self.theta + correction
+            theta += correction
             iterations -= max(taken, 1)
             if torch.equal(goal, enough):
                 break
@@ -222,13 +232,14 @@ class Design:
             self._held = index.flatten().argsort(stable=True) // width
             counts = torch.bincount(index.flatten(), minlength=columns)
             self._starts = counts.cumsum(0) - counts
-        self._index = index.to(self._held.dtype)
+        self._index = index.flatten().to(self._held.dtype)
+        self._bags = torch.arange(0, rows * width, width, dtype=self._held.dtype, device=index.device)
 
     def __call__(self, vectors: Tensor) -> Tensor:
         """X @ v."""
         if self._sparse is not None and vectors.dtype == FLOAT:
             return torch.from_numpy(self._sparse @ vectors.numpy())
-        return embedding_bag(self._index, vectors, mode="sum")
+        return embedding_bag(self._index, vectors, self._bags, mode="sum")
 
     def transposed(self, vectors: Tensor) -> Tensor:
         """Xᵀ @ z."""
