@@ -12,7 +12,7 @@ from credit.dataset import Dataset
 from credit.interfaces import RewardModel, Uncertainty
 from credit.rewards.linear import LinearModel
 from credit.streams import Stream, generators
-from credit.tensors import by_replica
+from credit.tensors import by_replica, grown
 from credit.types import FLOAT, Estimate, NonNegative, NonNegativeInt, Positive, PositiveInt, Problem
 
 
@@ -52,7 +52,7 @@ class Bootstrap(Uncertainty):
         """Make the weight streams."""
         self._problem = problem
         self._stream = Stream(problem, "bootstrap", "poisson", self.draws)
-        self._weights = problem.zeros(0, 1 + self.draws)
+        self._outside = problem.zeros(256, self.draws) > 0  # whether a window has weight 0 in a draw [R, ≥ K, B]
         self._generators = generators(problem.seeds, "bootstrap/exact")
 
     def observe(self, models: list[RewardModel], dataset: Dataset) -> None:
@@ -60,7 +60,10 @@ class Bootstrap(Uncertainty):
         exact = self.resample == "exact"
         windows = dataset.windows if exact else dataset.new
         weights = self._multinomial(len(dataset)) if exact else self._poisson(windows.labels.shape[1])
-        self._weights = weights if exact else torch.cat([self._weights, weights], dim=1)
+        first, count = len(dataset) - weights.shape[1], len(dataset)
+        if count > self._outside.shape[1]:
+            self._outside = grown(self._outside, count)
+        self._outside[:, first:count] = weights[..., 1:] == 0
         for model in models:
             (model.refit if exact else model.observe)(windows, weights)
 
@@ -84,7 +87,7 @@ class Bootstrap(Uncertainty):
         """Out of bag: each window is predicted by the mean of those draws in which it has weight 0."""
         windows = dataset.windows
         replicas, count, steps = windows.states.shape
-        out = (self._weights[:, :, 1:] == 0).to(FLOAT)
+        out = self._outside[:, :count].to(FLOAT)
         known = out.sum(-1).clamp(min=1)
         index = columns.flatten(1).unsqueeze(1)
         errors = []
