@@ -7,7 +7,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from credit.interfaces import Bonus, RewardModel
+from credit.interfaces import Bonus, RewardModel, RidgeModel
 from credit.rewards.linear import LinearModel
 from credit.streams import Stream
 from credit.types import NonNegative, Positive, Problem, Recovery
@@ -94,7 +94,7 @@ class Elliptical(Bonus):
         noise: σ, standard deviation of a label's noise, in units of reward.
     """
 
-    needs: ClassVar = {"reference": LinearModel}
+    needs: ClassVar = {"reference": RidgeModel}
 
     def __init__(self, scale: NonNegative = 2.0, noise: Positive = 0.2) -> None:
         self.scale = scale
@@ -102,7 +102,7 @@ class Elliptical(Bonus):
 
     def __call__(self, recovery: Recovery, reference: RewardModel) -> Tensor:
         """c·σ·√(φᵀV⁻¹φ)."""
-        assert isinstance(reference, LinearModel)
+        assert isinstance(reference, RidgeModel)
         return self.scale * self.noise * reference.leverage().sqrt()
 
 

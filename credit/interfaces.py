@@ -8,11 +8,13 @@ whether parts fit together without building any of them.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any, ClassVar, Protocol
 
+import torch
 from torch import Tensor
 
+from credit.cells import PAIRS, Axis, Cells
 from credit.component import Component
 from credit.dataset import Dataset
 from credit.tensors import matvec
@@ -41,9 +43,10 @@ class Feedback(Component):
 
 
 class Oracle(Protocol):
-    """What a learner is worth, judged by the truth; `truth` is r(s, a) [N]."""
+    """What a learner is worth, judged by the truth."""
 
-    truth: Tensor
+    def truth(self, cells: Cells) -> Tensor:
+        """The true reward [N] of the cells; NaN where they cannot express it."""
 
     def update(self, primitive: Tensor, labels: Tensor | None, optimizer: Optimizer) -> None:
         """Count windows with rewards r [R, K, T] and labels [R, K] (None for a window that was cut short)."""
@@ -67,13 +70,23 @@ class Environment(Component):
     def collect(self, act: Act, feedback: Feedback, windows: int, steps: int) -> tuple[Windows, Tensor]:
         """Run `act` for some windows of `steps` steps; return labelled windows and, for metrics, r [R, K, T]."""
 
+    def summary(self, cells: Cells) -> dict[str, Tensor]:
+        """Two small axes, name → whole numbers [N], over which a table too large to draw is averaged; or none."""
+        return {}
+
     @abstractmethod
     def oracle(self, problem: Problem, feedback: Feedback) -> Oracle:
         """The metrics that compare a learner with the truth, for the objective that the feedback shows."""
 
 
 class FeatureMap(Component):
-    """What a reward model looks at: `features(steps) -> [..., d]`."""
+    """What a reward model looks at: `features(steps) -> [..., d]`.
+
+    Attributes:
+        looks_at: the axes that it reads.
+    """
+
+    looks_at: Collection[Axis] = PAIRS
 
     @abstractmethod
     def start(self, problem: Problem) -> None:
@@ -89,9 +102,11 @@ class RewardModel(Component):
 
     Attributes:
         name: its name in metrics, files and figures.
+        looks_at: the axes that it reads; the pseudo-reward is a table over those of all models.
     """
 
     name: str
+    looks_at: Collection[Axis] = PAIRS
 
     @abstractmethod
     def start(self, problem: Problem, draws: int) -> None:
@@ -106,8 +121,20 @@ class RewardModel(Component):
         """Forget, and fit windows [R, K, T] with weights [R, K, 1+B]."""
 
     @abstractmethod
-    def estimate(self) -> Estimate:
-        """Predictions for every pair."""
+    def estimate(self, cells: Tensor | None = None) -> Estimate:
+        """Predictions for some cells [R, n], or for all."""
+
+    def looks(self, problem: Problem) -> Tensor:
+        """A number [N] for every cell; unvisited cells with the same number must have the same prediction."""
+        return torch.arange(problem.cells.count, device=problem.device)
+
+
+class RidgeModel(RewardModel):
+    """A reward model with the confidence set of ridge regression."""
+
+    @abstractmethod
+    def leverage(self) -> Tensor:
+        """φᵀV⁻¹φ of every cell [R, N], the squared width of the proof's confidence set (38)."""
 
 
 class Uncertainty(Component):
@@ -135,13 +162,31 @@ class Uncertainty(Component):
     def disagreement(self, reference: Estimate, surrogate: Estimate) -> Tensor:
         """Δ̂²(s, a) [R, N] of a surrogate, (7) or (9)."""
 
+    def label_errors(self, estimates: list[Estimate], dataset: Dataset, columns: Tensor) -> Tensor:
+        """Products [R, M, M] of the errors with which models predict labels that they were not fitted to, summed.
+
+        Args:
+            estimates: of all models. dataset: the windows. columns: where the estimates have each step [R, K, T].
+        """
+        raise NotImplementedError(f"{type(self).__name__} holds no labels out")
+
 
 class Mixer(Component):
-    """MSE proxies → weights."""
+    """MSE proxies, or how well labels were predicted, → weights.
+
+    Attributes:
+        sees_label_errors: whether it is shown them; they cost a prediction of every label.
+    """
+
+    sees_label_errors: ClassVar[bool] = False
 
     @abstractmethod
-    def weights(self, mse: Tensor) -> Tensor:
-        """Weights [..., M, N] that sum to one over M, from proxies of the same shape."""
+    def weights(self, mse: Tensor, label_errors: Tensor | None = None) -> Tensor:
+        """Weights [..., M, N] that sum to one over M.
+
+        Args:
+            mse: proxies [..., M, N]. label_errors: sums of products of the models' held-out label errors [..., M, M].
+        """
 
 
 class Bonus(Component):
@@ -172,7 +217,7 @@ class CreditAssigner(Component):
 
 
 class RewardFunction(CreditAssigner):
-    """A credit assigner that knows a pseudo-reward for every (s, a), so that one can plan with it."""
+    """A credit assigner that knows a pseudo-reward for every cell, so that one can plan with it."""
 
     @abstractmethod
     def recovery(self) -> Recovery:

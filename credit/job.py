@@ -18,7 +18,7 @@ from credit.errors import UserError
 from credit.types import NonNegativeInt, PositiveInt
 
 # What may differ between two runs that are the same run.
-CIRCUMSTANCES = ("seed", "replicas", "device", "output", "session", "rerun", "tracking")
+CIRCUMSTANCES = ("seed", "replicas", "device", "output", "session", "rerun", "tracking", "written_for")
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,7 @@ class Job:
         experiment: name of the experiment. method: name of the method. title: its name in tables.
         seed: first seed. replicas: seeds side by side. device: cpu, cuda, cuda:<n> or auto.
         output: folder of all runs. rerun: compute again what is done. session: id of the `credit train`.
+        written_for: the only experiment of a method, where it has one.
     """
 
     experiment: str
@@ -40,6 +41,7 @@ class Job:
     output: str = "outputs"
     rerun: bool = False
     session: str | None = None
+    written_for: str | None = None
 
     @classmethod
     def of(cls, config: Mapping[str, Any]) -> Job:
@@ -64,6 +66,13 @@ def check(config: Mapping[str, Any]) -> schema.Check:
     if trainer is None:
         found = schema.Check({}, {}, Job, ())
         found.problems = ["trainer: the node is missing or has no _target_"]
+        return found
+    if config.get("written_for") not in (None, config.get("experiment")):
+        found = schema.Check({}, {}, Job, ())
+        found.problems = [
+            f"method={config.get('method')} is written for experiment={config['written_for']} only, and the experiment "
+            f"is {config.get('experiment')}; choose another method (see `credit list`), or that experiment"
+        ]
         return found
     found = schema.Check(config, {**slots, "trainer": trainer}, Job, ("trainer", "tracking"))
     if not found.problems:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
+from credit.cells import Cells
 from credit.interfaces import Optimizer
 from credit.types import FLOAT, Problem, Recovery
 
@@ -19,20 +20,27 @@ def policy_error(policy: Tensor, optimal: Tensor, weight: Tensor | None = None) 
 
 def rank_correlation(first: Tensor, second: Tensor) -> Tensor:
     """Spearman's ρ over the last dimension, ties by order of index; nan where one side is constant or nan."""
-    ranks = [values.argsort(dim=-1, stable=True).argsort(dim=-1).to(FLOAT) for values in (first, second)]
+    ranks = [_ranks(values) for values in (first, second)]
     a, b = (r - r.mean(-1, keepdim=True) for r in ranks)
     rho = (a * b).sum(-1) / (a.square().sum(-1) * b.square().sum(-1)).sqrt()
     unknown = [(x.amax(-1) == x.amin(-1)) | x.isnan().any(-1) for x in (first, second)]
     return rho.masked_fill(unknown[0] | unknown[1], torch.nan)
 
 
-def recovery_metrics(recovery: Recovery | None, truth: Tensor) -> dict[str, Tensor]:
-    """How well r(s, a) [N] was recovered, and how far each model is trusted; nothing where nothing is recovered."""
+def _ranks(values: Tensor) -> Tensor:
+    order = values.argsort(dim=-1, stable=True)
+    places = torch.arange(values.shape[-1], dtype=FLOAT, device=values.device).expand(values.shape)
+    return torch.zeros(values.shape, dtype=FLOAT, device=values.device).scatter_(-1, order, places)
+
+
+def recovery_metrics(recovery: Recovery | None, truth: Callable[[Cells], Tensor]) -> dict[str, Tensor]:
+    """How well the reward was recovered, and how far each model is trusted; nothing where nothing is recovered."""
     if recovery is None:
         return {}
+    true = truth(recovery.cells)
     values = {
-        "reward/mse": (recovery.mixed - truth).square().mean(-1),
-        "reward/rank_correlation": rank_correlation(recovery.mixed, truth.expand_as(recovery.mixed)),
+        "reward/mse": (recovery.mixed - true).square().mean(-1),
+        "reward/rank_correlation": rank_correlation(recovery.mixed, true.expand_as(recovery.mixed)),
     }
     for index, name in enumerate(recovery.models):
         values[f"weight/{name}"] = recovery.weights[:, index].mean(-1)
@@ -50,11 +58,15 @@ class AverageRewardOracle:
     def __init__(self, problem: Problem, gain: float, policy: Tensor, occupancy: Tensor, reward: Tensor) -> None:
         self._gain = gain
         self._policy, self._occupancy = policy.to(problem.device), occupancy.to(problem.device)
-        self.truth = reward.flatten().to(problem.device)
+        self._reward = reward.to(problem.device)
         self._regret = problem.zeros()
         self._area = problem.zeros()
         self._labels = problem.zeros()
         self._windows = 0
+
+    def truth(self, cells: Cells) -> Tensor:
+        """r(s, a), where the cells are pairs."""
+        return cells.known(self._reward)
 
     def update(self, primitive: Tensor, labels: Tensor | None, optimizer: Optimizer | None = None) -> None:
         """Count windows with rewards r [R, K, T] and labels [R, K] (None for a window that was cut short)."""
@@ -86,21 +98,30 @@ class EpisodicOracle:
     """Metrics of an episodic problem: regret of the executed policies, evaluated exactly under the start distribution.
 
     Args:
-        problem: sizes. best: V*. random: V of uniform actions. truth: r(s, a) [N].
+        problem: sizes. best: V*. random: V of uniform actions. truth: cells → the reward [N] that the label shows.
         evaluate: policies [R, T, S] or [R, T, S, A] → their values [R], for the objective that the label shows.
     """
 
     def __init__(
-        self, problem: Problem, best: float, random: float, truth: Tensor, evaluate: Callable[[Tensor], Tensor]
+        self,
+        problem: Problem,
+        best: float,
+        random: float,
+        truth: Callable[[Cells], Tensor],
+        evaluate: Callable[[Tensor], Tensor],
     ) -> None:
         self._best, self._random, self._evaluate = best, random, evaluate
-        self.truth = truth.to(problem.device)
+        self._truth, self._device = truth, problem.device
         self._value = problem.zeros()
         self._regret = problem.zeros()
         self._area = problem.zeros()
         self._labels = problem.zeros()
         self._windows = 0
         self._all = 0
+
+    def truth(self, cells: Cells) -> Tensor:
+        """r(s, a) or r(s'), by step where the cells are; a label that shows the last reward alone has no other."""
+        return self._truth(cells).to(self._device)
 
     def update(self, primitive: Tensor, labels: Tensor | None, optimizer: Optimizer) -> None:
         """Count episodes with labels [R, K] under the policy that was executed; one cut short has no regret."""

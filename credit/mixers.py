@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
+import numpy as np
 import torch
+from scipy.optimize import nnls
 from torch import Tensor
 
 from credit.interfaces import Mixer
 from credit.types import Positive
+from credit.uncertainty import Bootstrap
 
 
 def relative_mse_weights(mse: Tensor, alpha: float, epsilon: float = 1e-12) -> Tensor:
@@ -58,7 +63,7 @@ class RelativeMSE(Mixer):
         self.alpha = alpha
         self.epsilon = epsilon
 
-    def weights(self, mse: Tensor) -> Tensor:
+    def weights(self, mse: Tensor, label_errors: Tensor | None = None) -> Tensor:
         """Equation (14)."""
         return relative_mse_weights(mse, self.alpha, self.epsilon)
 
@@ -66,7 +71,7 @@ class RelativeMSE(Mixer):
 class ReferenceOnly(Mixer):
     """All weight on the reference model; surrogates are fitted but not used."""
 
-    def weights(self, mse: Tensor) -> Tensor:
+    def weights(self, mse: Tensor, label_errors: Tensor | None = None) -> Tensor:
         """One for the reference, zero for the others."""
         weights = torch.zeros_like(mse)
         weights[..., 0, :] = 1
@@ -76,7 +81,7 @@ class ReferenceOnly(Mixer):
 class Uniform(Mixer):
     """The same weight for every model, everywhere."""
 
-    def weights(self, mse: Tensor) -> Tensor:
+    def weights(self, mse: Tensor, label_errors: Tensor | None = None) -> Tensor:
         """1/M."""
         return torch.full_like(mse, 1 / mse.shape[-2])
 
@@ -84,6 +89,36 @@ class Uniform(Mixer):
 class Best(Mixer):
     """All weight on the locally best model: the limit α → 0 of the paper's mixture."""
 
-    def weights(self, mse: Tensor) -> Tensor:
+    def weights(self, mse: Tensor, label_errors: Tensor | None = None) -> Tensor:
         """One for the model of (16), zero for the others."""
         return torch.zeros_like(mse).scatter_(-2, best_model(mse).unsqueeze(-2), 1.0)
+
+
+class Stacking(Mixer):
+    """One weight a model, everywhere: those that predict held-out labels best (Breiman's stacked regressions).
+
+    min ‖Y − Σ_j w_j Ŷ_j‖² over w ≥ 0, Σ w = 1, where Ŷ_j are out-of-bag: from draws which have not seen the window.
+    """
+
+    needs: ClassVar = {"uncertainty": Bootstrap}
+    sees_label_errors: ClassVar = True
+
+    def weights(self, mse: Tensor, label_errors: Tensor | None = None) -> Tensor:
+        """The stacked weights, the same for every cell."""
+        assert label_errors is not None
+        stacked = stacked_weights(label_errors)
+        return stacked.unsqueeze(-1).expand_as(mse)
+
+
+def stacked_weights(errors: Tensor) -> Tensor:
+    """w [..., M] that minimise wᵀGw over w ≥ 0, Σ w = 1, for G [..., M, M] symmetric and positive definite.
+
+    The minimum of ½wᵀGw − Σ w over w ≥ 0 is a multiple of it, and with G = LLᵀ that is least squares: ‖Lᵀw − L⁻¹1‖.
+    """
+    factor = torch.linalg.cholesky(errors)
+    target = torch.linalg.solve_triangular(factor, torch.ones_like(errors[..., :1]), upper=False)
+    count = errors.shape[-1]
+    matrices, vectors = factor.mT.reshape(-1, count, count).cpu().numpy(), target.reshape(-1, count).cpu().numpy()
+    found = np.stack([nnls(matrix, vector)[0] for matrix, vector in zip(matrices, vectors, strict=True)])
+    weights = torch.from_numpy(found / found.sum(-1, keepdims=True))
+    return weights.view(errors.shape[:-1]).to(errors.device)

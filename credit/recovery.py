@@ -10,6 +10,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
+from credit.alike import Alike, spread
 from credit.dataset import Dataset
 from credit.errors import UserError
 from credit.interfaces import Bonus, Mixer, RewardFunction, RewardModel, Uncertainty
@@ -18,7 +19,7 @@ from credit.types import Problem, Recovery, Windows
 
 
 class RewardRecovery(RewardFunction):
-    """Learn a pseudo-reward for every (s, a) from labels (sections 3.2–4.3, algorithm B.1 lines 3–16).
+    """Learn a pseudo-reward for every cell from labels (sections 3.2–4.3, algorithm B.1 lines 3–16).
 
     Args:
         reference: the flexible model.
@@ -49,55 +50,76 @@ class RewardRecovery(RewardFunction):
 
     def start(self, problem: Problem) -> None:
         """Empty models, no visits."""
-        self._problem = problem
+        problem = replace(problem, axes=tuple({axis for model in self.models for axis in model.looks_at}))
+        if "step" in problem.axes and not problem.episodic:
+            raise UserError(
+                "a reward model looks at the step in the window, and windows follow each other here: the step means "
+                "nothing; use models that look at states and actions alone, or an environment with episodes"
+            )
+        self._cells = problem.cells
         self.uncertainty.start(problem)
         for model in self.models:
             model.start(problem, self.uncertainty.draws)
         for bonus in self.bonus.values():
             bonus.start(problem)
-        self._visits = problem.zeros(problem.pairs)
-        self._recovery = self._recover()
+        self._visits = problem.zeros(problem.cells.count)
+        self._alike = Alike([model.looks(problem) for model in self.models])
+        self._recovery = self._recover(Dataset(problem, 0))
 
     def observe(self, dataset: Dataset) -> None:
         """Count visits, refit every model with the newest windows, and recover the reward anew."""
-        pairs = dataset.new.pairs(self._problem.actions).flatten(1)
-        self._visits.scatter_add_(1, pairs, torch.ones_like(pairs, dtype=self._visits.dtype))
+        cells = self._cells.index(dataset.new).flatten(1)
+        self._visits.scatter_add_(1, cells, torch.ones_like(cells, dtype=self._visits.dtype))
         self.uncertainty.observe(self.models, dataset)
-        self._recovery = self._recover()
+        self._recovery = self._recover(dataset)
 
     def recovery(self) -> Recovery:
         """What is believed since the last windows."""
         return self._recovery
 
     def rewards(self, windows: Windows) -> Tensor:
-        """r_plan(s_t, a_t) of every step [R, K, T]."""
-        pairs = windows.pairs(self._problem.actions)
-        return self._recovery.plan.gather(1, pairs.flatten(1)).view(pairs.shape)
+        """r_plan of every step [R, K, T]."""
+        cells = self._cells.index(windows)
+        return self._recovery.plan.gather(1, cells.flatten(1)).view(cells.shape)
 
-    def _recover(self) -> Recovery:
-        reference, *surrogates = [model.estimate() for model in self.models]
+    def _recover(self, dataset: Dataset) -> Recovery:
+        cells, column = None, None
+        if self._alike.saves and self.uncertainty.draws:
+            cells, column = self._alike.choose(self._visits)
+        reference, *surrogates = [model.estimate(cells) for model in self.models]
+        visits = self._visits if cells is None else self._visits.gather(1, cells)
         gaps = [self.uncertainty.disagreement(reference, surrogate) for surrogate in surrogates]
-        excess = [self.uncertainty.prior(self._visits), *gaps]
+        excess = [self.uncertainty.prior(visits), *gaps]
         proxies = [
             self.uncertainty.variance(model, estimate) + more
             for model, estimate, more in zip(self.models, [reference, *surrogates], excess, strict=True)
         ]
         mse = torch.stack(proxies, dim=1)
+        errors = None
+        if self.mixer.sees_label_errors:
+            steps = self._cells.index(dataset.windows)
+            columns = steps if column is None else column.gather(1, steps.flatten(1)).view(steps.shape)
+            errors = self.uncertainty.label_errors([reference, *surrogates], dataset, columns)
+        weights = self.mixer.weights(mse, errors)
         mean = torch.stack([reference.mean, *(surrogate.mean for surrogate in surrogates)], dim=1)
-        weights = self.mixer.weights(mse)
+        disagreement = torch.stack(gaps, dim=1) if gaps else mse[:, :0]
+        if column is not None:
+            mean, mse, disagreement, weights = (spread(part, column) for part in (mean, mse, disagreement, weights))
         mixed = mix(weights, mean)
         recovery = Recovery(
             models=self.names,
             mean=mean,
             draws=(reference.draws, *(surrogate.draws for surrogate in surrogates)),
             mse=mse,
-            disagreement=torch.stack(gaps, dim=1) if gaps else mse[:, :0],
+            disagreement=disagreement,
             weights=weights,
             best=best_model(mse),
             mixed=mixed,
             bonus={},
             plan=mixed,
             visits=self._visits.clone(),
+            cells=self._cells,
+            column=column,
         )
         bonus = {name: term(recovery, self.models[0]) for name, term in self.bonus.items()}
         return replace(recovery, bonus=bonus, plan=reduce(torch.add, bonus.values(), mixed))

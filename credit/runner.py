@@ -199,6 +199,7 @@ def _write_beliefs(trainer: Trainer, folders: list[Path]) -> None:
     if recovery is None:
         return
     policy = trainer.optimizer.policies()["behaviour"]
+    truth, summary = trainer.oracle.truth(recovery.cells), trainer.env.summary(recovery.cells)
     for index, folder in enumerate(folders):
-        arrays = recovery_arrays(trainer.problem, index, trainer.dataset, recovery, trainer.oracle.truth, policy)
+        arrays = recovery_arrays(index, trainer.dataset, recovery, truth, policy, summary)
         write_arrays(folder / "recovery.npz", arrays)

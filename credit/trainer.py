@@ -12,7 +12,8 @@ from credit.component import Component
 from credit.dataset import Dataset
 from credit.errors import RunError, UserError
 from credit.interfaces import CreditAssigner, Environment, Feedback, Optimizer, Oracle, RewardFunction
-from credit.types import PositiveInt, Problem, Recovery, Windows
+from credit.optimizers.random import Random
+from credit.types import NonNegativeInt, PositiveInt, Problem, Recovery, Windows
 
 Log = Callable[[int, dict[str, Tensor]], None]
 
@@ -27,6 +28,9 @@ class Trainer(Component):
         optimizer: rewards → policy.
         steps: primitive steps a run; a last window that they cut short gives no label and is not learned from.
         windows_per_round: windows collected between two refits.
+        first_windows: windows at the start that are collected in rounds of their own size,
+        first_windows_per_round: which is this.
+        random_windows: windows at the start in which actions are random.
         log_every: windows between two rows of the journal.
     """
 
@@ -38,6 +42,9 @@ class Trainer(Component):
         optimizer: Optimizer,
         steps: PositiveInt = 14_000,
         windows_per_round: PositiveInt = 1,
+        first_windows: NonNegativeInt = 0,
+        first_windows_per_round: PositiveInt = 1,
+        random_windows: NonNegativeInt = 0,
         log_every: PositiveInt = 40,
     ) -> None:
         self.env = env
@@ -46,6 +53,10 @@ class Trainer(Component):
         self.optimizer = optimizer
         self.steps = steps
         self.windows_per_round = windows_per_round
+        self.first_windows = first_windows
+        self.first_windows_per_round = first_windows_per_round
+        self.random_windows = random_windows
+        self._explorer = Random()
         self.log_every = log_every
 
     def start(self, seeds: tuple[int, ...], device: torch.device | str = "cpu") -> None:
@@ -57,8 +68,15 @@ class Trainer(Component):
         window = self.feedback.window
         if self.steps < window:
             raise UserError(f"trainer.steps={self.steps}: shorter than one window (feedback.window={window})")
+        whole = self.steps // window
+        for key in ("windows_per_round", "first_windows_per_round", "random_windows"):
+            if getattr(self, key) > whole:
+                raise UserError(
+                    f"trainer.{key}={getattr(self, key)}: more than the {whole} windows of the whole run "
+                    f"(trainer.steps={self.steps}, feedback.window={window}); take at most {whole}, or more steps"
+                )
         self.problem: Problem = self.env.problem(window, seeds, device)
-        for part in (self.env, self.feedback, self.assigner, self.optimizer):
+        for part in (self.env, self.feedback, self.assigner, self.optimizer, self._explorer):
             part.start(self.problem)
         self.oracle: Oracle = self.env.oracle(self.problem, self.feedback)
         self.dataset = Dataset(self.problem, self.steps // window)
@@ -77,7 +95,7 @@ class Trainer(Component):
         whole, rest = divmod(self.steps, self.problem.window)
         done = 0
         while done < whole:
-            windows = self._collect(min(self.windows_per_round, whole - done))
+            windows = self._collect(min(self._round(done), whole - done))
             self.dataset.append(windows)
             self.assigner.observe(self.dataset)
             self.optimizer.improve(self.dataset, self.assigner)
@@ -86,8 +104,8 @@ class Trainer(Component):
             if done // self.log_every > before // self.log_every and (done < whole or rest):
                 log(done * self.problem.window, self.metrics())
         if rest:
-            _, primitive = self.env.collect(self.optimizer.act, self.feedback, 1, rest)
-            self.oracle.update(primitive, None, self.optimizer)
+            _, primitive = self.env.collect(self._actor(done).act, self.feedback, 1, rest)
+            self.oracle.update(primitive, None, self._actor(done))
         progress(self.steps)
         log(self.steps, self.metrics())
 
@@ -99,8 +117,18 @@ class Trainer(Component):
         """What is believed about the reward, where the assigner believes something."""
         return self.assigner.recovery() if isinstance(self.assigner, RewardFunction) else None
 
+    def _actor(self, done: int) -> Optimizer:
+        return self._explorer if done < self.random_windows else self.optimizer
+
+    def _round(self, done: int) -> int:
+        """How many windows come before the next refit; a round crosses neither border."""
+        size = self.first_windows_per_round if done < self.first_windows else self.windows_per_round
+        ends = [end - done for end in (self.first_windows, self.random_windows) if end > done]
+        return min([size, *ends])
+
     def _collect(self, count: int) -> Windows:
-        windows, primitive = self.env.collect(self.optimizer.act, self.feedback, count, self.problem.window)
+        actor = self._actor(len(self.dataset))
+        windows, primitive = self.env.collect(actor.act, self.feedback, count, self.problem.window)
         finite = torch.isfinite(windows.labels)
         if not finite.all():
             replica, k = (int(i) for i in (~finite).nonzero()[0])
@@ -108,5 +136,5 @@ class Trainer(Component):
                 f"window {len(self.dataset) + k} of seed {self.problem.seeds[replica]} has the label "
                 f"{float(windows.labels[replica, k])}: labels must be finite; look at env's reward and at feedback"
             )
-        self.oracle.update(primitive, windows.labels, self.optimizer)
+        self.oracle.update(primitive, windows.labels, actor)
         return replace(windows, primitive=primitive) if self._shows_primitive else windows

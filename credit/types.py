@@ -1,17 +1,22 @@
 """The few records that pass between the rooms.
 
-Shapes everywhere: R replicas, K windows, T steps, S states, A actions, N = S·A pairs, M models, B draws, d features.
-Tabular tensors are float64; a pair (s, a) has the index n = s·A + a.
+Shapes everywhere: R replicas, K windows, T steps, S states, A actions, M models, B draws, d features, and N cells of
+the pseudo-reward: the S·A pairs (s, a) with index n = s·A + a, unless reward models look at something else. Tabular
+tensors are float64.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from functools import cached_property
+from typing import Annotated, Literal
 
 import torch
 from annotated_types import Ge, Gt, Interval
 from torch import Tensor
+
+from credit.cells import PAIRS, Axis, Cells
+from credit.cells import Steps as Steps
 
 # Ranges: the check derives its schema from signatures, so a range is written here and nowhere else.
 Positive = Annotated[float, Gt(0)]
@@ -22,6 +27,8 @@ NonNegativeInt = Annotated[int, Ge(0)]
 
 FLOAT = torch.float64
 
+Credit = Literal["every_step", "last_step"]  # a hypothesis: which steps of a window share its label
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -31,6 +38,8 @@ class Problem:
         states: S. actions: A. window: T, steps that share one label.
         seeds: one seed a replica; R = len(seeds).
         device: where tensors live.
+        episodic: whether every window starts anew.
+        axes: what the pseudo-reward is a table over.
     """
 
     states: int
@@ -38,6 +47,13 @@ class Problem:
     window: int
     seeds: tuple[int, ...]
     device: torch.device
+    episodic: bool = False
+    axes: tuple[Axis, ...] = PAIRS
+
+    @cached_property
+    def cells(self) -> Cells:
+        """The N cells of the pseudo-reward."""
+        return Cells.over(self.axes, self.window, self.states, self.actions)
 
     @property
     def replicas(self) -> int:
@@ -46,25 +62,12 @@ class Problem:
 
     @property
     def pairs(self) -> int:
-        """N = S·A."""
+        """S·A."""
         return self.states * self.actions
 
     def zeros(self, *shape: int) -> Tensor:
         """A float64 tensor of zeros [R, *shape]."""
         return torch.zeros(self.replicas, *shape, dtype=FLOAT, device=self.device)
-
-
-@dataclass(frozen=True)
-class Steps:
-    """Steps that were taken: states, actions, next_states, any leading shape, int64."""
-
-    states: Tensor
-    actions: Tensor
-    next_states: Tensor
-
-    def pairs(self, actions: int) -> Tensor:
-        """Index s·A + a of every step, same shape."""
-        return self.states * actions + self.actions
 
 
 @dataclass(frozen=True)
@@ -97,6 +100,7 @@ class Recovery:
         disagreement: [R, M−1, N] Δ̂² of each surrogate (9). weights: [R, M, N] (14).
         best: [R, N] index of the locally best model (16). mixed: [R, N] (15).
         bonus: name → [R, N]. plan: [R, N] mixed + bonuses (17), (19). visits: [R, N] counts N(s, a).
+        cells: what the N are. column: where the draws have each cell [R, N], if only some that stand for all are kept.
     """
 
     models: tuple[str, ...]
@@ -110,3 +114,5 @@ class Recovery:
     bonus: dict[str, Tensor]
     plan: Tensor
     visits: Tensor
+    cells: Cells
+    column: Tensor | None = None

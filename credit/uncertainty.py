@@ -12,7 +12,7 @@ from credit.dataset import Dataset
 from credit.interfaces import RewardModel, Uncertainty
 from credit.rewards.linear import LinearModel
 from credit.streams import Stream, generators
-from credit.tensors import by_replica
+from credit.tensors import by_replica, grown
 from credit.types import FLOAT, Estimate, NonNegative, NonNegativeInt, Positive, PositiveInt, Problem
 
 
@@ -52,6 +52,7 @@ class Bootstrap(Uncertainty):
         """Make the weight streams."""
         self._problem = problem
         self._stream = Stream(problem, "bootstrap", "poisson", self.draws)
+        self._outside = problem.zeros(256, self.draws) > 0  # whether a window has weight 0 in a draw [R, ≥ K, B]
         self._generators = generators(problem.seeds, "bootstrap/exact")
 
     def observe(self, models: list[RewardModel], dataset: Dataset) -> None:
@@ -59,6 +60,10 @@ class Bootstrap(Uncertainty):
         exact = self.resample == "exact"
         windows = dataset.windows if exact else dataset.new
         weights = self._multinomial(len(dataset)) if exact else self._poisson(windows.labels.shape[1])
+        first, count = len(dataset) - weights.shape[1], len(dataset)
+        if count > self._outside.shape[1]:
+            self._outside = grown(self._outside, count)
+        self._outside[:, first:count] = weights[..., 1:] == 0
         for model in models:
             (model.refit if exact else model.observe)(windows, weights)
 
@@ -77,6 +82,22 @@ class Bootstrap(Uncertainty):
     def disagreement(self, reference: Estimate, surrogate: Estimate) -> Tensor:
         """Mean over the draws of the squared gap (9)."""
         return by_replica(lambda a, b: (a - b).square_().mean(1), reference.draws, surrogate.draws)
+
+    def label_errors(self, estimates: list[Estimate], dataset: Dataset, columns: Tensor) -> Tensor:
+        """Out of bag: each window is predicted by the mean of those draws in which it has weight 0."""
+        windows = dataset.windows
+        replicas, count, steps = windows.states.shape
+        out = self._outside[:, :count].to(FLOAT)
+        known = out.sum(-1).clamp(min=1)
+        index = columns.flatten(1).unsqueeze(1)
+        errors = []
+        for estimate in estimates:
+            each = estimate.draws.gather(2, index.expand(-1, self.draws, -1))
+            predicted = each.view(replicas, self.draws, count, steps).sum(-1).mT
+            errors.append(((predicted * out).sum(-1) / known - windows.labels) * (out.sum(-1) > 0))
+        stacked = torch.stack(errors, dim=1)
+        first = torch.eye(len(estimates), dtype=FLOAT, device=stacked.device)  # else the first windows decide too much
+        return first + stacked @ stacked.mT
 
     def _poisson(self, windows: int) -> Tensor:
         ones = torch.ones(self._problem.replicas, 1, dtype=FLOAT, device=self._problem.device)

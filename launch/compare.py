@@ -16,6 +16,7 @@ Usage: credit compare [KEY=VALUE ...]
   experiment=NAME        the experiment whose runs are compared          (advertiser)
   method=A,B             only these methods                              (all)
   slug=A,B               only these variants; `default` has no overrides (all)
+  feedback=A,B           only these settings; each is compared by itself (all)
   seed=N                 the first seed                                  (all)
   replicas=N             how many seeds from there (or 0) on             (all)
   reference=METHOD       the method that the others are compared to      (reference)
@@ -50,17 +51,22 @@ def main(argv: list[str]) -> int:
 
     from credit.report.compare import compare
     from credit.report.tables import terminal_tables
-    from credit.report.text import caption, sentences
+    from credit.report.text import caption, heading, sentences
 
     report = compare(**options)
     console = Console(highlight=False, markup=False)
     if not console.is_terminal:
         console.width = 100
-    for table in terminal_tables(report.comparison, console.width):
-        console.print(table, "")
-    for line in sentences(report.comparison):
-        console.print(line)
-    console.print(caption(report.comparison), style="dim")
+    for comparison in report.comparisons:
+        if heading(comparison.runs):
+            console.rule(heading(comparison.runs), align="left", characters="═")
+        for table in terminal_tables(comparison, console.width):
+            console.print(table, "")
+        for line in sentences(comparison):
+            console.print(line)
+        if comparison is not report.comparisons[-1]:
+            console.print()
+    console.print(caption(*report.comparisons), style="dim")
     console.print(f"\nTables and figures in {report.folder}:", soft_wrap=True)
     console.print("  " + "  ".join(path.name for path in report.files))
     if report.logged:
@@ -77,6 +83,7 @@ READERS: dict[str, Reader] = {
     "experiment": ("experiment", name, "one name"),
     "method": ("methods", names, "names separated by commas"),
     "slug": ("slugs", names, "names separated by commas"),
+    "feedback": ("feedback", names, "names separated by commas"),
     "seed": ("seed", whole(0), "a whole number, 0 or more"),
     "replicas": ("replicas", whole(1), "a whole number, 1 or more"),
     "reference": ("reference", name, "one name"),

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from credit.bonuses import Count, Disagreement, Elliptical, LocalMSE, Thompson, best_error, disagreement_signal, shrink
+from credit.cells import PAIRS, Cells
 from credit.mixers import best_model
 from credit.rewards.features.tabular import Bilinear, Identity
 from credit.rewards.linear import LinearModel
@@ -21,6 +22,7 @@ def tensor(values: Any) -> torch.Tensor:
 
 # Three models on three pairs. Best: the reference (.04), the linear one (.09), the threshold one (.01).
 MSE = tensor([[[0.04, 0.25, 0.36], [0.05, 0.09, 0.16], [0.06, 0.10, 0.01]]])
+CELLS = Cells(PAIRS, (3, 1))
 GAPS = tensor([[[0.02, 0.0625, 0.15], [0.03, 0.09, 0.0049]]])
 VISITS = tensor([[3.0, 0.0, 8.0]])  # with λ = 1 the decay is 1/2, 1, 1/3
 
@@ -29,7 +31,7 @@ VISITS = tensor([[3.0, 0.0, 8.0]])  # with λ = 1 the decay is 1/2, 1, 1/3
 def recovery() -> Recovery:
     empty = torch.zeros_like(VISITS)
     return Recovery(
-        ("ridge", "linear", "threshold"), MSE, (), MSE, GAPS, MSE, best_model(MSE), empty, {}, empty, VISITS
+        ("ridge", "linear", "threshold"), MSE, (), MSE, GAPS, MSE, best_model(MSE), empty, {}, empty, VISITS, CELLS
     )
 
 
@@ -64,7 +66,7 @@ def test_local_mse_bonus_by_hand(recovery: Recovery, fitted: LinearModel) -> Non
 def test_local_mse_of_the_reference_alone_is_the_ridge_bonus(recovery: Recovery, fitted: LinearModel) -> None:
     # (30): c·√Var/√(λ + N) with λ = 1: .2/2, .5/1, .6/3
     mse = MSE[:, :1]
-    alone = Recovery(("ridge",), mse, (), mse, mse[:, :0], mse, best_model(mse), VISITS, {}, VISITS, VISITS)
+    alone = Recovery(("ridge",), mse, (), mse, mse[:, :0], mse, best_model(mse), VISITS, {}, VISITS, VISITS, CELLS)
     torch.testing.assert_close(LocalMSE(scale=1.0)(alone, fitted), tensor([[0.1, 0.5, 0.2]]))
     torch.testing.assert_close(Disagreement(scale=1.0)(alone, fitted), tensor([[0.1, 0.5, 0.2]]))
 

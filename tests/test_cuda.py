@@ -6,15 +6,17 @@ import pytest
 import torch
 
 from credit import registry, schema
-from credit.job import checked
+from credit.job import check, checked
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
 
 
 @pytest.mark.parametrize("method", registry.options("method"))
 def test_every_method_runs_on_cuda(method):
-    config = checked(registry.compose([f"method={method}", "device=cuda", "trainer.steps=150", "replicas=2"]))
-    trainer = schema.build(config, "trainer")
+    short = ["tracking=none", f"method={method}", "device=cuda", "trainer.steps=150", "replicas=2"]
+    configs = (registry.compose([f"experiment={name}", *short]) for name in sorted(registry.options("experiment")))
+    config = next(config for config in configs if not check(config).problems)
+    trainer = schema.build(checked(config), "trainer")
     trainer.start((0, 1), torch.device("cuda"))
     rows = []
     trainer.run(lambda step, values: rows.append(values))

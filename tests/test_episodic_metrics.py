@@ -7,6 +7,7 @@ from collections.abc import Callable
 import pytest
 import torch
 
+from credit.cells import Axis, Cells
 from credit.dataset import Dataset
 from credit.envs.episodic import EpisodicEnvironment, SuccessorMDP
 from credit.feedback import BlockSum, Terminal
@@ -132,14 +133,48 @@ def test_before_the_first_episode_nothing_is_lost(problem: Problem) -> None:
 def test_the_reward_is_judged_by_its_expectation(problem: Problem) -> None:
     # r(s, a) = r(s' = a) = 0, 1, 0, 1; replica 0 misses one of four by 2, replica 1 knows it.
     oracle = Levers().oracle(problem, TERMINAL)
-    assert oracle.truth.tolist() == [0, 1, 0, 1]
+    assert oracle.truth(problem.cells).tolist() == [0, 1, 0, 1]
     mixed = tensor([[0, 3, 0, 1], [0, 1, 0, 1]])
     weights = torch.ones(2, 1, 4, dtype=FLOAT)
     best = torch.zeros(2, 4, dtype=torch.int64)
-    recovery = Recovery(("ridge",), mixed, (), mixed, mixed, weights, best, mixed, {}, mixed, mixed)
+    recovery = Recovery(("ridge",), mixed, (), mixed, mixed, weights, best, mixed, {}, mixed, mixed, problem.cells)
     values = oracle.metrics({}, recovery)
     assert values["reward/mse"].tolist() == [1, 0]
     assert values["weight/ridge"].tolist() == values["best/ridge"].tolist() == [1, 1]
+
+
+@pytest.mark.parametrize(
+    ("axes", "sums", "ends"),
+    [
+        (("state", "action"), [0, 1, 0, 1], [0, 1, 0, 1]),
+        (("next_state",), [0, 1], [0, 1]),
+        # by step, a label that shows the last reward alone has no reward before it
+        (("step", "next_state"), [0, 1, 0, 1], [0, 0, 0, 1]),
+        (("step", "state", "action"), [0, 1, 0, 1] * 2, [0, 0, 0, 0, 0, 1, 0, 1]),
+    ],
+)
+def test_the_truth_over_other_cells_by_hand(
+    problem: Problem, axes: tuple[Axis, ...], sums: list[float], ends: list[float]
+) -> None:
+    cells = Cells.over(axes, 2, 2, 2)
+    for feedback, expected in ((ADDITIVE, sums), (TERMINAL, ends)):
+        oracle = Levers().oracle(problem, feedback)
+        assert oracle.truth(cells).tolist() == expected
+        mixed = tensor(expected).repeat(2, 1)
+        mixed[1, -1] += 3  # of the cells, one is wrong by 3
+        ones, best = torch.ones(2, 1, len(expected), dtype=FLOAT), torch.zeros(2, len(expected), dtype=torch.int64)
+        recovery = Recovery(("ridge",), mixed, (), mixed, mixed, ones, best, mixed, {}, mixed, mixed, cells)
+        assert oracle.metrics({}, recovery)["reward/mse"].tolist() == pytest.approx([0, 9 / len(expected)])
+
+
+def test_what_a_table_cannot_say_is_not_judged(problem: Problem) -> None:
+    oracle, cells = Levers().oracle(problem, ADDITIVE), Cells.over(("state",), 2, 2, 2)
+    assert oracle.truth(cells).isnan().all()
+    mixed = tensor([[0, 1], [1, 0]])
+    ones, best = torch.ones(2, 1, 2, dtype=FLOAT), torch.zeros(2, 2, dtype=torch.int64)
+    values = oracle.metrics({}, Recovery(("r",), mixed, (), mixed, mixed, ones, best, mixed, {}, mixed, mixed, cells))
+    assert values["reward/mse"].isnan().all()
+    assert values["reward/rank_correlation"].isnan().all()
 
 
 @pytest.mark.parametrize("feedback", [ADDITIVE, TERMINAL])

@@ -122,6 +122,18 @@ def test_what_a_method_does_not_use_is_no_part_of_it(composed: Composed) -> None
     assert job.identity(composed("method=delayed", "mixer.alpha=.4")) == job.identity(composed("method=delayed"))
 
 
+@pytest.mark.parametrize("method", ["credit_hypotheses", "last_step"])
+def test_a_method_written_for_one_experiment(composed: Composed, method: str) -> None:
+    (found,) = problems("experiment=advertiser", f"method={method}", "replicas=0")  # the rest does not matter
+    assert found.startswith(f"method={method} is written for experiment=sepsis only, and the experiment is advertiser")
+    assert "credit list" in found
+    config = composed("experiment=sepsis", f"method={method}")
+    assert job.Job.of(config).written_for == "sepsis"
+    assert job.identity(config | {"written_for": None}) == job.identity(config)  # runs from before the key are kept
+    assert problems("experiment=advertiser", f"method={method}", "written_for=null")  # its parts do not fit either
+    assert job.Job.of(composed("experiment=sepsis", "method=disagreement")).written_for is None
+
+
 def test_plain_keys(composed: Composed) -> None:
     found = job.Job.of(composed("method=reference", "seed=4", "replicas=3"))
     assert found.seeds == (4, 5, 6)

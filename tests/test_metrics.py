@@ -10,6 +10,7 @@ import pytest
 import scipy.stats
 import torch
 
+from credit.cells import PAIRS, Cells
 from credit.metrics import AverageRewardOracle, policy_error, rank_correlation
 from credit.types import Problem, Recovery
 
@@ -83,7 +84,9 @@ def test_reward_metrics_by_hand(oracle: AverageRewardOracle) -> None:
     mixed = tensor([[0, 1, 2, 3, 4, 6], [5, 4, 3, 2, 1, 0]])
     weights = torch.stack([torch.full((2, 6), 0.25), torch.full((2, 6), 0.75)], 1).double()
     best = torch.tensor([[0, 0, 0, 1, 1, 1], [1, 1, 1, 1, 1, 0]])
-    recovery = Recovery(("ridge", "linear"), mixed, (), mixed, mixed, weights, best, mixed, {}, mixed, mixed)
+    recovery = Recovery(
+        ("ridge", "linear"), mixed, (), mixed, mixed, weights, best, mixed, {}, mixed, mixed, Cells(PAIRS, (3, 2))
+    )
     values = oracle.metrics({}, recovery)
     assert values["reward/mse"].tolist() == pytest.approx([1 / 6, 70 / 6])
     assert values["reward/rank_correlation"].tolist() == pytest.approx([1, -1])

@@ -43,7 +43,7 @@ class Fixed(RewardModel):
 
     def refit(self, windows: Windows, weights: torch.Tensor) -> None: ...
 
-    def estimate(self) -> Estimate:
+    def estimate(self, cells: torch.Tensor | None = None) -> Estimate:
         return self._estimate
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import torch
 
-from credit import registry
+from credit import job, registry
 from credit.dataset import Dataset
 from credit.errors import RunError, UserError
 from credit.feedback import BlockSum
@@ -16,7 +16,11 @@ from credit.interfaces import CreditAssigner, Optimizer
 from credit.trainer import Trainer
 from credit.types import Windows
 
-METHODS = sorted(registry.options("method"))
+METHODS = [  # those that run on the advertiser
+    method
+    for method in sorted(registry.options("method"))
+    if not job.check(registry.compose(["tracking=none", f"method={method}"])).problems
+]
 LEARNERS = [method for method in METHODS if method != "oracle"]
 Make = Callable[..., Trainer]
 Journal = list[tuple[int, dict[str, torch.Tensor]]]

@@ -150,7 +150,7 @@ def test_factored_mixture_against_plain_sums(make_problem: Callable[..., Problem
     states, then = states + 648 * sick, then // 8 * 8 + actions + 648 * sick
     windows = Windows(states, actions, then, torch.zeros(2, 400, dtype=torch.float64))
     values = torch.randn(2, 1296, dtype=torch.float64, generator=generator)
-    model, own = FactoredMixture(pseudo_counts=3.0, level_counts=0.6), ObservedCounts()
+    model, own = FactoredMixture(pseudo_counts=3.0, level_counts=0.6, inertia=0.5), ObservedCounts()
     for each in (model, own):
         each.start(problem)
         for rows in (slice(150), slice(150, 400)):
@@ -158,7 +158,7 @@ def test_factored_mixture_against_plain_sums(make_problem: Callable[..., Problem
     found, observed = model.backup(values), own.backup(values)
     places = (216, 72, 24, 8)
     for replica in range(2):
-        moves = np.full((4, 2, 8, 8, 3, 3), 0.2)
+        moves = np.full((4, 2, 8, 8, 3, 3), 0.1) + 0.3 * np.eye(3)  # .6 · (half on the own level, half on all three)
         visits = np.zeros((1296, 8))
         steps = (windows.states, windows.actions, windows.next_states)
         for s, a, n in zip(*(step[replica].flatten().tolist() for step in steps), strict=True):

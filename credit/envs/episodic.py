@@ -12,6 +12,7 @@ import torch
 from scipy.sparse import csr_array
 from torch import Tensor
 
+from credit.cells import Cells
 from credit.envs.exact import ExactEnvironment
 from credit.errors import UserError
 from credit.interfaces import Act, Feedback
@@ -172,11 +173,17 @@ class EpisodicEnvironment(ExactEnvironment):
         mdp = replace(self.mdp, reward_next=self.mdp.reward_next * torch.nan) if self.poison else self.mdp
         values, _ = mdp.optimal(problem.window, feedback.additive)
         uniform = torch.full((1, problem.window, problem.states, problem.actions), 1 / problem.actions, dtype=FLOAT)
+
+        def truth(cells: Cells) -> Tensor:
+            table = cells.known(mdp.reward, mdp.reward_next)
+            counts = cells.steps(table.device).times == problem.window - 1
+            return table if feedback.additive or "step" not in cells.axes else table * counts
+
         return EpisodicOracle(
             problem,
             best=float(values[0] @ mdp.initial),
             random=float(mdp.evaluate(uniform, feedback.additive)),
-            truth=mdp.reward.flatten(),
+            truth=truth,
             evaluate=partial(mdp.evaluate, additive=feedback.additive),
         )
 

@@ -43,4 +43,5 @@ class ExactEnvironment(Environment):
 
     def problem(self, window: int, seeds: tuple[int, ...], device: Any) -> Problem:
         """S, A, T and the seeds."""
-        return Problem(self.mdp.states, self.mdp.actions, window, tuple(seeds), torch.device(device))
+        sizes = (self.mdp.states, self.mdp.actions, window)
+        return Problem(*sizes, tuple(seeds), torch.device(device), self.setting == "episodic")

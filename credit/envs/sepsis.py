@@ -11,6 +11,7 @@ import torch
 from annotated_types import Interval
 from torch import Tensor
 
+from credit.cells import Cells
 from credit.envs.episodic import EpisodicEnvironment, EpisodicGymEnv, SuccessorMDP
 from credit.errors import UserError
 from credit.types import FLOAT, Probability
@@ -163,6 +164,12 @@ class Sepsis(EpisodicEnvironment):
         diabetes_of_row, action_of_row = row // (VITALS * ACTIONS * ACTIONS), row % ACTIONS
         successors = (diabetes_of_row * VITALS + torch.arange(VITALS)) * ACTIONS + action_of_row
         return SuccessorMDP(successors, table.reshape(-1, VITALS), reward(torch.arange(STATES)), self.initial)
+
+    def summary(self, cells: Cells) -> dict[str, Tensor]:
+        """How many vitals are abnormal, and how many treatments are given: of s', or in s and by the action."""
+        steps = cells.steps(torch.device("cpu"))
+        states, given = (steps.next_states,) * 2 if cells.arrival else (steps.states, steps.actions)
+        return {"abnormal vitals": abnormal(states), "treatments": treatments(given)}
 
     def _vitals(self, diabetes: int, before: tuple[int, ...], action: tuple[int, ...]) -> tuple[Tensor, ...]:
         """How heart rate, blood pressure, oxygen and glucose move, 3 × 3 each."""

@@ -7,6 +7,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
+from credit.cells import Cells
 from credit.dataset import Dataset
 from credit.interfaces import CreditAssigner, Optimizer, RewardFunction, TransitionModel
 from credit.planning import TIE
@@ -37,7 +38,7 @@ class FiniteHorizon(Optimizer):
         self._stream = Stream(problem, "ties", "uniform", problem.pairs)
         self._assigner: RewardFunction | None = None
         self._shuffle()
-        self._policy = self._plan(problem.zeros(problem.pairs))
+        self._policy = self._plan(problem.cells, problem.zeros(problem.cells.count))
 
     def act(self, states: Tensor, step: int) -> Tensor:
         """π_t(s)."""
@@ -49,23 +50,30 @@ class FiniteHorizon(Optimizer):
         self.transition.observe(dataset.new)
         self._assigner = assigner
         self._shuffle()
-        self._policy = self._plan(assigner.recovery().plan)
+        recovery = assigner.recovery()
+        self._policy = self._plan(recovery.cells, recovery.plan)
 
     def policies(self) -> dict[str, Tensor]:
         """The optimistic policy [R, T, S], and the one that plans with the mixed reward alone."""
         if self._assigner is None:
             return {"behaviour": self._policy}
-        return {"behaviour": self._policy, "greedy": self._plan(self._assigner.recovery().mixed)}
+        recovery = self._assigner.recovery()
+        return {"behaviour": self._policy, "greedy": self._plan(recovery.cells, recovery.mixed)}
+
+    def executed(self) -> Tensor:
+        """The optimistic policy [R, T, S]."""
+        return self._policy
 
     def _shuffle(self) -> None:
         self._order = 1 + self._stream.next().view(-1, self._problem.states, self._problem.actions)
 
-    def _plan(self, reward: Tensor) -> Tensor:
-        table = reward.view(-1, self._problem.states, self._problem.actions)
-        values = table.new_zeros(table.shape[:2])
+    def _plan(self, cells: Cells, reward: Tensor) -> Tensor:
+        problem = self._problem
+        values = problem.zeros(problem.states)
         policy: list[Tensor] = []
-        for _ in range(self._problem.window):
-            ahead = table + self.transition.backup(values)
+        for step in reversed(range(problem.window)):
+            now, arrival = cells.at(reward, step, (problem.states, problem.actions))
+            ahead = now + self.transition.backup(arrival + values)
             values = ahead.amax(-1)
             tied = ahead >= (values - TIE).unsqueeze(-1)
             policy.insert(0, (tied * self._order).argmax(-1))

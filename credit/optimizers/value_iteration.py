@@ -8,6 +8,7 @@ import torch
 from annotated_types import Interval
 from torch import Tensor
 
+from credit.cells import Cells
 from credit.dataset import Dataset
 from credit.interfaces import CreditAssigner, Optimizer, RewardFunction, TransitionTable
 from credit.planning import NEARLY_ONE, policy_iteration
@@ -46,15 +47,18 @@ class ValueIteration(Optimizer):
         assert isinstance(assigner, RewardFunction)
         self.transition.observe(dataset.new)
         self._assigner = assigner
-        self._policy = self._plan(assigner.recovery().plan)
+        self._policy = self._plan(assigner.recovery().cells, assigner.recovery().plan)
 
     def policies(self) -> dict[str, Tensor]:
         """The optimistic policy, and the one that plans with the mixed reward alone."""
         if self._assigner is None:
             return {"behaviour": self._policy}
-        return {"behaviour": self._policy, "greedy": self._plan(self._assigner.recovery().mixed)}
+        recovery = self._assigner.recovery()
+        return {"behaviour": self._policy, "greedy": self._plan(recovery.cells, recovery.mixed)}
 
-    def _plan(self, reward: Tensor) -> Tensor:
-        table = reward.view(-1, self._problem.states, self._problem.actions)
+    def _plan(self, cells: Cells, reward: Tensor) -> Tensor:
+        table, arrival = cells.at(reward, 0, (self._problem.states, self._problem.actions))
+        if cells.arrival:
+            table = self.transition.backup(arrival)
         discount = min(self.discount, NEARLY_ONE)
         return policy_iteration(self.transition.probabilities(), table, discount, self._policy).policy

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from credit.errors import UserError
 from credit.report import tables
-from credit.report.comparison import Comparison, summarise
+from credit.report.comparison import Comparison, metrics_of, summarise
 from credit.report.published import load_paper
-from credit.report.runs import Runs, load_runs
+from credit.report.runs import load_runs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -25,13 +25,13 @@ class Report:
     Attributes:
         folder: where the files are.
         files: every file that was written.
-        comparison: the numbers.
+        comparisons: the numbers of each setting.
         logged: what became of logging to MLflow, in one line; empty where it was not asked for.
     """
 
     folder: Path
     files: tuple[Path, ...]
-    comparison: Comparison
+    comparisons: tuple[Comparison, ...]
     logged: str
 
 
@@ -41,6 +41,7 @@ def compare(
     *,
     methods: Sequence[str] | None = None,
     slugs: Sequence[str] | None = None,
+    feedback: Sequence[str] | None = None,
     seed: int | None = None,
     replicas: int | None = None,
     trapped_above: float = 300.0,
@@ -55,6 +56,7 @@ def compare(
         experiment: which one.
         methods: only these; all by default.
         slugs: only these variants of a method; all by default.
+        feedback: only settings of these names; all by default. Each is compared on its own.
         seed: the first seed.
         replicas: how many seeds.
         trapped_above: final regret above which a seed counts as trapped.
@@ -69,35 +71,44 @@ def compare(
         UserError: there is nothing finished to compare, or runs that cannot be averaged.
     """
     runs = load_runs(output, experiment, methods=methods, slugs=slugs, seed=seed, replicas=replicas)
-    comparison = summarise(runs, reference=reference, trapped_above=trapped_above, paper=load_paper(experiment))
-    figures = _figures(runs, comparison, diagnostics_seed)
+    paper = load_paper(experiment)
+    comparisons = tuple(
+        summarise(part, reference=reference, trapped_above=trapped_above, paper=paper)
+        for part in runs.by_setting(feedback)
+    )
+    figures = _figures(comparisons, diagnostics_seed)
     texts = {
-        "table.md": tables.markdown(comparison),
-        "table.csv": tables.csv(comparison),
-        "table.tex": tables.latex(comparison),
-        "runs.csv": runs.frame.drop(columns=["name", "folder"]).to_csv(index=False),
+        "table.md": tables.markdown(*comparisons),
+        "table.csv": tables.csv(*comparisons),
+        "table.tex": tables.latex(*comparisons),
+        "runs.csv": tables.runs_csv(*comparisons),
     }
     folder = output / "reports" / experiment
     try:
         files = _write(folder, texts, figures)
     except OSError as error:
         raise UserError(f"Cannot write the report to {folder}: {error.strerror}.") from error
-    logged = _log(output, experiment, folder, comparison) if log else ""
-    return Report(folder, tuple(files), comparison, logged)
+    logged = _log(output, experiment, folder, metrics_of(comparisons)) if log else ""
+    return Report(folder, tuple(files), comparisons, logged)
 
 
-def _figures(runs: Runs, comparison: Comparison, diagnostics_seed: int | None) -> dict[str, Figure | None]:
+def _figures(comparisons: Sequence[Comparison], diagnostics_seed: int | None) -> dict[str, Figure | None]:
     # Matplotlib takes half a second to import, which `credit --help` should not wait for.
     from credit.report import style
     from credit.report.figures import curves_figure, distribution_figure
     from credit.report.heatmaps import heatmaps_figure
+    from credit.report.recovered import recovered_maps
 
+    figures: dict[str, Figure | None] = {}
     with style.styled():
-        return {
-            "curves": curves_figure(runs, comparison.primary),
-            "distribution": distribution_figure(runs, comparison),
-            "diagnostics": heatmaps_figure(runs, diagnostics_seed),
-        }
+        figures["curves"] = curves_figure(comparisons)
+        figures["distribution"] = distribution_figure(comparisons)
+        for comparison in comparisons:
+            maps = recovered_maps(comparison.runs, diagnostics_seed)
+            if maps is not None:
+                kind = "diagnostics" if maps.by_cell else "maps"
+                figures["_".join(filter(None, [kind, comparison.runs.setting]))] = heatmaps_figure(maps)
+    return figures
 
 
 def _write(folder: Path, texts: Mapping[str, str], figures: Mapping[str, Figure | None]) -> list[Path]:
@@ -107,20 +118,22 @@ def _write(folder: Path, texts: Mapping[str, str], figures: Mapping[str, Figure 
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     files = [folder / name for name in texts]
+    # An earlier report may have had other settings.
+    old = {path.stem for kind in ("diagnostics", "maps") for path in folder.glob(f"{kind}*.svg")}
     with style.styled():
-        for name, figure in figures.items():
+        for name, figure in {**figures, **dict.fromkeys(sorted(old - figures.keys()))}.items():
             files += style.save(figure, folder, name)
     return files
 
 
-def _log(output: Path, experiment: str, folder: Path, comparison: Comparison) -> str:
+def _log(output: Path, experiment: str, folder: Path, metrics: Mapping[str, float]) -> str:
     tracking = _newest_tracking(output, experiment)
     if tracking is None:
         return "Not logged to MLflow: the newest training session was not tracked."
     try:
         from credit.tracking.report_run import log_report
 
-        log_report(output, tracking["uri"], experiment, folder, comparison.metrics)
+        log_report(output, tracking["uri"], experiment, folder, metrics)
     except Exception as error:  # a store that is down must not cost the user the report
         reason = (str(error).splitlines() or [""])[0]
         return f"Not logged to MLflow: {type(error).__name__}: {reason}"

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
 
-from credit.errors import UserError
 from credit.report import statistics
+from credit.report.measures import REGRET, Measure, choose_measures
 from credit.report.published import PaperValues
 from credit.report.runs import PAPER_METHODS, Runs
 from credit.report.scale import Scale
@@ -19,33 +19,11 @@ Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Measure:
-    """A metric that a table shows: its column in the journal, its title, and which direction is better."""
-
-    metric: str
-    title: str
-    axis: str
-    lower_is_better: bool = True
-
-
-# The first measure that the runs know is the primary one: the others only get a mean and an error.
-MEASURES = (
-    Measure("regret/cumulative", "Final regret", "Cumulative regret"),
-    Measure("eval/success", "Success rate", "Success rate", lower_is_better=False),
-    Measure("regret/share", "Share of random's", "Regret as a share of that of random actions"),
-    Measure("regret/auc", "AUC regret", "Area under the regret curve"),
-    Measure("policy/error", "Policy error", "Policy error"),
-    Measure("reward/mse", "Mixed reward MSE", "Mixed reward MSE"),
-)
-FALLBACK = Measure("return/label", "Return", "Return", lower_is_better=False)
-
-
-@dataclass(frozen=True)
 class Comparison:
-    """The numbers behind every rendering of the table.
+    """The numbers behind every rendering of the table, for one setting.
 
     Attributes:
-        experiment: its name.
+        runs: what is compared.
         measures: the columns, the primary one first.
         table: one row a method and slug. For each measure `<metric>/mean`, `/se` and `/n`, with
             `/paper_mean` and `/paper_se` where the paper has them. For the primary one also iqm,
@@ -54,22 +32,25 @@ class Comparison:
         reference_name: how that row is called in tables ("" without one).
         paper: the paper's values, or None.
         trapped_above: the regret above which a seed counts as trapped.
-        unfinished: how many runs were left out because they have not finished.
     """
 
-    experiment: str
+    runs: Runs
     measures: tuple[Measure, ...]
     table: pd.DataFrame
     reference: tuple[str, str] | None
     reference_name: str
     paper: PaperValues | None
     trapped_above: float
-    unfinished: int
 
     @property
     def primary(self) -> Measure:
         """The measure that the methods are compared by."""
         return self.measures[0]
+
+    @property
+    def curve(self) -> Measure:
+        """The measure that is drawn over time."""
+        return REGRET if REGRET in self.measures else self.primary
 
     @property
     def rows(self) -> list[Row]:
@@ -78,7 +59,7 @@ class Comparison:
 
     @property
     def counts_trapped(self) -> bool:
-        """Whether the primary measure is a regret, in which a seed can be trapped."""
+        """Whether the primary measure is a regret in steps, in which a seed can be trapped."""
         return "trapped" in self.table
 
     def is_reference(self, row: Row) -> bool:
@@ -99,6 +80,13 @@ class Comparison:
                 if isinstance(value, int | float) and pd.notna(value) and not column.startswith("seed_"):
                     flat[f"{prefix}/{column}"] = float(value)
         return flat
+
+
+def metrics_of(comparisons: Sequence[Comparison]) -> dict[str, float]:
+    """Every known number of a report: `Comparison.metrics`, with `<setting>/` before it where there are several."""
+    if len(comparisons) == 1:
+        return comparisons[0].metrics
+    return {f"{part.runs.setting}/{name}": value for part in comparisons for name, value in part.metrics.items()}
 
 
 def interval_of(row: Row, name: str) -> Interval:
@@ -136,10 +124,10 @@ def summarise(
     """Compute the comparison table.
 
     Args:
-        runs: finished runs.
+        runs: finished runs of one setting.
         reference: the method that the others are compared to; its default variant where it has several.
         trapped_above: final regret above which a seed counts as trapped.
-        paper: the paper's values.
+        paper: the paper's values; they are left out where they belong to another setting.
 
     Returns:
         The comparison; metrics that no run knows are left out.
@@ -147,17 +135,10 @@ def summarise(
     Raises:
         UserError: no run has a metric that methods can be compared by.
     """
-    known = set(runs.metrics)
-    measures = tuple(m for m in MEASURES if m.metric in known)
-    if not measures or not {"regret/cumulative", "eval/success"} & known:
-        measures = (FALLBACK, *measures) if FALLBACK.metric in known else measures
-    if not measures:
-        wanted = ", ".join(m.metric for m in (*MEASURES, FALLBACK))
-        raise UserError(
-            f"The runs of experiment={runs.experiment} have none of the metrics that are compared "
-            f"({wanted}); they have {', '.join(sorted(known)) or 'no metrics'}."
-        )
+    measures = choose_measures(runs.metrics, runs.experiment)
     groups = ordered_groups(runs)
+    if paper is not None and set(runs.frame["feedback"]) != {paper.feedback}:
+        paper = None
     base = next((entry for entry in groups if entry[0] == reference), None)
     rows = []
     for method, slug, group in groups:
@@ -177,14 +158,13 @@ def summarise(
             row |= _against(group, base[2], measures[0])
         rows.append(row)
     return Comparison(
-        experiment=runs.experiment,
+        runs=runs,
         measures=measures,
         table=pd.DataFrame(rows),
         reference=base[:2] if base else None,
         reference_name=display_name(base[2]) if base else "",
         paper=paper,
         trapped_above=trapped_above,
-        unfinished=len(runs.unfinished),
     )
 
 
@@ -208,7 +188,7 @@ def _primary_columns(group: pd.DataFrame, measure: Measure, trapped_above: float
     if not len(scores):
         return {}
     columns = _columns("iqm", statistics.iqm_interval(scores))
-    if measure.metric == "regret/cumulative":
+    if measure == REGRET:
         columns["trapped"] = statistics.count_trapped(scores, trapped_above)
     return columns
 

@@ -1,9 +1,8 @@
-"""What a learner believes about the reward, as tables of numbers on colours (the paper's Figure 5)."""
+"""Recovered rewards as tables of numbers on colours (the paper's Figure 5)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -11,128 +10,76 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from numpy.typing import NDArray
 
-from credit.errors import UserError
-from credit.report.comparison import display_name, ordered_groups
-from credit.report.runs import Runs
+from credit.report.recovered import Block, Maps
 from credit.report.statistics import Array
 
-MOST_CELLS = 60
-COLUMNS = 3
+SHADES, BLUES = colormaps["viridis"], colormaps["Blues"]
+SHARE = Normalize(0, 1)
+Grid = np.ndarray[Any, np.dtype[np.object_]]  # of axes
 
 
-def heatmaps_figure(runs: Runs, seed: int | None = None) -> Figure | None:
-    """Truth, every reward model, the mixture and the reference's weight over states and actions.
-
-    Shown is `disagreement`, or the first method that recovers a reward where it has no runs.
+def heatmaps_figure(maps: Maps) -> Figure:
+    """One panel a table: truth, every reward model, the mixture, and last the reference's weight.
 
     Args:
-        runs: finished runs.
-        seed: draw this seed alone; by default the mean over all seeds.
-
-    Returns:
-        The figure, or None where the runs have no recovery, or more than 60 (state, action) pairs.
-
-    Raises:
-        UserError: the seed is not among the runs.
+        maps: the tables; fields that were not visited are hatched.
     """
-    groups = sorted(ordered_groups(runs), key=lambda entry: entry[0] != "disagreement")
-    group = next((frame for _, _, frame in groups if _recovery_file(frame["folder"].iloc[0]).exists()), None)
-    if group is None:
-        return None
-    name = display_name(group)
-    if seed is not None and seed not in set(group["seed"]):
-        raise UserError(
-            f"diagnostics_seed={seed} is not among the finished seeds of {name}: "
-            f"{group['seed'].min()} to {group['seed'].max()}."
-        )
-    chosen = group if seed is None else group[group["seed"] == seed]
-    files = [_recovery_file(folder) for folder in chosen["folder"]]
-    panels = _mean_tables(files)
-    if panels is None:
-        return None
-    rewards, weight_name, weight = panels
-    rows = -(-(len(rewards) + 1) // COLUMNS)
-    figure = Figure(figsize=(11.2, 0.6 + 1.55 * rows), layout="constrained")
-    grid = figure.subplots(rows, COLUMNS, squeeze=False)
-    every = np.stack([table for _, table in rewards])
-    scale = Normalize(float(every.min()), float(every.max()))
-    shades, share = colormaps["viridis"], Normalize(0, 1)
-    *places, last = grid.ravel()
-    for axes, (title, table) in zip(places, rewards, strict=False):
-        _draw(axes, table, title, shades, scale)
-    for axes in places[len(rewards) :]:
-        axes.set_visible(False)
-    _draw(last, weight, weight_name, colormaps["Blues"], share)
-    who = f"seed {chosen['seed'].iloc[0]}" if len(files) == 1 else f"mean over {len(files)} seeds"
-    figure.suptitle(f"{name}, end of training, {who}", fontsize=10, x=0.01, ha="left")
-    # The weight stands last in the last row, so that its bar can stand beside it.
-    for part, limits, colours, label in (
-        (grid[:-1], scale, shades, "reward"),
-        (grid[-1], share, colormaps["Blues"], "weight"),
-    ):
-        bar = figure.colorbar(ScalarMappable(limits, colours), ax=part, fraction=0.02, pad=0.01)
-        bar.outline.set_visible(False)
-        bar.ax.tick_params(labelsize=7.5)
-        bar.set_label(label, fontsize=8)
+    panels = len(maps.blocks[0].rewards) + 1
+    columns = 4 if panels > 6 and not maps.by_cell else 3
+    rows = -(-panels // columns)
+    figure = Figure(figsize=(11.2, (0.6 + 1.55 * rows) * len(maps.blocks)), layout="constrained")
+    every = np.stack([table for block in maps.blocks for table in block.rewards.values()])
+    scale = Normalize(float(np.nanmin(every)), float(np.nanmax(every)))
+    parts = figure.subfigures(len(maps.blocks), 1, squeeze=False)[:, 0] if len(maps.blocks) > 1 else [figure]
+    for part, block in zip(parts, maps.blocks, strict=True):
+        _draw_block(block, part.subplots(rows, columns, squeeze=False), maps.axes, scale)
+        if block.title:
+            part.suptitle(block.title, fontsize=9, fontweight="bold", x=0.01, ha="left")
+    figure.suptitle(maps.title, fontsize=10, x=0.01, ha="left")
     return figure
 
 
-def _recovery_file(folder: str) -> Path:
-    return Path(folder) / "recovery.npz"
+def _draw_block(block: Block, grid: Grid, axes: tuple[str, ...], scale: Normalize) -> None:
+    *places, last = grid.ravel()
+    for place, (title, table) in zip(places, block.rewards.items(), strict=False):
+        _draw(place, table, block.seen, axes, SHADES, scale)
+        place.set_title(title, fontweight="normal")
+    for place in places[len(block.rewards) :]:
+        place.set_visible(False)
+    _draw(last, block.weight, block.seen, axes, BLUES, SHARE)
+    last.set_title(block.weight_title, fontweight="normal")
+    # The weight stands last in the last row, so that its bar can stand beside it.
+    for panels, limits, colours, label in ((grid[:-1], scale, SHADES, "reward"), (grid[-1], SHARE, BLUES, "weight")):
+        bar = grid[0, 0].figure.colorbar(ScalarMappable(limits, colours), ax=panels, fraction=0.02, pad=0.01)
+        bar.outline.set_visible(False)
+        bar.ax.tick_params(labelsize=7.5)
+        bar.set_label(label, fontsize=8)
 
 
-def _mean_tables(files: Sequence[Path]) -> tuple[list[tuple[str, Array]], str, Array] | None:
-    """Reward tables [A, S] with their titles, and the reference's weight [A, S], averaged over files."""
-    stacks: dict[str, list[Array]] = {}
-    models: list[str] = []
-    for path in files:
-        with np.load(path, allow_pickle=False) as data:
-            models = [str(model) for model in data["models"]]
-            keys = [
-                "reward/true",
-                *(f"reward/{model}" for model in models),
-                "reward/mixed",
-                f"weight/{models[0]}",
-            ]
-            if not all(key in data and data[key].ndim == 2 for key in keys):
-                return None
-            for key in keys:
-                stacks.setdefault(key, []).append(np.asarray(data[key], dtype=float))
-    means = {key: np.mean(tables, axis=0) for key, tables in stacks.items()}
-    truth = np.stack(stacks["reward/true"])
-    if truth[0].size > MOST_CELLS:
-        return None
-    rewards = [("True reward", means["reward/true"].T)]
-    for key in [*(f"reward/{model}" for model in models), "reward/mixed"]:
-        error = float(np.mean((np.stack(stacks[key]) - truth) ** 2))
-        name = key.removeprefix("reward/").replace("_", " ").capitalize()
-        rewards.append((f"{name} reward (MSE {error:.2g})", means[key].T))
-    weight = f"weight/{models[0]}"
-    return rewards, f"Weight of {models[0].replace('_', ' ')}", means[weight].T
-
-
-def _draw(axes: Axes, table: Array, title: str, colours: Colormap, scale: Normalize) -> None:
-    axes.imshow(table, cmap=colours, norm=scale, aspect="auto", origin="lower")
-    for (action, state), value in np.ndenumerate(table):
-        red, green, blue, _ = colours(float(scale(value)))
-        bright = 0.299 * red + 0.587 * green + 0.114 * blue > 0.55
-        axes.text(
-            state,
-            action,
-            _short(value),
-            ha="center",
-            va="center",
-            fontsize=7,
-            color="black" if bright else "white",
-        )
-    axes.set_title(title, fontweight="normal")
-    axes.set_xticks(range(table.shape[1]))
-    axes.set_yticks(range(table.shape[0]))
-    axes.tick_params(length=0, labelsize=7.5)
-    axes.spines[:].set_visible(False)
-    axes.set_xlabel("state", fontsize=8, labelpad=2)
-    axes.set_ylabel("action", fontsize=8, labelpad=4)
+def _draw(
+    place: Axes, table: Array, seen: NDArray[np.bool_], axes: tuple[str, ...], colours: Colormap, scale: Normalize
+) -> None:
+    place.imshow(table, cmap=colours, norm=scale, aspect="auto", origin="lower")
+    for (row, column), value in np.ndenumerate(table):
+        if np.isnan(value):
+            continue
+        shade = colours(float(scale(value)))
+        bright = 0.299 * shade[0] + 0.587 * shade[1] + 0.114 * shade[2] > 0.55
+        text = place.text(column, row, _short(value), ha="center", va="center", fontsize=7)
+        text.set_color("black" if bright else "white")
+        if not seen[row, column]:
+            corner = (column - 0.5, row - 0.5)
+            place.add_patch(Rectangle(corner, 1, 1, fill=False, hatch="////", edgecolor="#9a9a9a", linewidth=0))
+            text.set_bbox({"facecolor": shade, "edgecolor": "none", "pad": 1.0})
+    place.set_xticks(range(table.shape[1]))
+    place.set_yticks(range(table.shape[0]) if len(axes) > 1 else [])
+    place.tick_params(length=0, labelsize=7.5)
+    place.spines[:].set_visible(False)
+    place.set_xlabel(axes[0], fontsize=8, labelpad=2)
+    place.set_ylabel(axes[1] if len(axes) > 1 else "", fontsize=8, labelpad=4)
 
 
 def _short(value: float) -> str:

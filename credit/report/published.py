@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,10 +12,14 @@ import yaml
 
 @dataclass(frozen=True)
 class PaperValues:
-    """What the paper reports: where, from how many seeds, and {method: {metric: (mean, standard error)}}."""
+    """What the paper reports: where, from how many seeds, and {method: {metric: (mean, standard error)}}.
+
+    `feedback` is the setting it is about, as the text that `credit.report.settings.read_feedback` gives.
+    """
 
     source: str
     seeds: int
+    feedback: str
     methods: Mapping[str, Mapping[str, tuple[float, float]]]
 
 
@@ -28,4 +33,4 @@ def load_paper(experiment: str) -> PaperValues | None:
         method: {metric: (float(mean), float(error)) for metric, (mean, error) in values.items()}
         for method, values in data["methods"].items()
     }
-    return PaperValues(data["source"], int(data["seeds"]), methods)
+    return PaperValues(data["source"], int(data["seeds"]), json.dumps(data["feedback"], sort_keys=True), methods)

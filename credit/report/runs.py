@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,32 +13,68 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from credit.errors import UserError, nearest
+from credit.report.settings import is_called, name_settings, read_feedback, variant
 
 # The paper's methods in the order of its Table 1.
 PAPER_METHODS = ("block", "delayed", "reference", "adaptive_mse", "disagreement")
-IDENTITY = ("method", "slug", "seed", "name", "folder", "config_hash", "git_commit")
+IDENTITY = ("method", "slug", "seed", "name", "folder", "feedback", "config_hash", "git_commit")
 
 
 @dataclass(frozen=True)
 class Runs:
-    """The runs of one experiment.
+    """The runs of one experiment, or of one setting of it.
 
     Attributes:
         experiment: its name.
-        frame: one row a finished run: method, slug, seed, name (as displayed), folder, config_hash,
-            git_commit, then one column a final metric (NaN = not known).
+        frame: one row a finished run: method, slug (without what makes the setting), seed, name (as displayed),
+            folder, feedback (the setting, as text), config_hash, git_commit, then one column a final metric
+            (NaN = not known).
         unfinished: folders without DONE among those asked for; they are never used.
+        setting: its name, "" for several settings or for the only one where nothing calls for a name.
     """
 
     experiment: str
     frame: pd.DataFrame
     unfinished: tuple[Path, ...]
+    setting: str = ""
 
     @property
     def metrics(self) -> list[str]:
         """Names of the final metrics that at least one run knows."""
         names = [column for column in self.frame.columns if column not in IDENTITY]
         return [name for name in names if self.frame[name].notna().any()]
+
+    def by_setting(self, feedback: Sequence[str] | None = None) -> list[Runs]:
+        """The runs of each setting, ordered by its name.
+
+        Args:
+            feedback: only settings of these names; all by default.
+
+        Raises:
+            UserError: no run has a feedback of that name.
+        """
+        names = name_settings(self.frame["feedback"].unique())
+        for wanted in feedback or ():
+            if not any(is_called(name, wanted) for name in names.values()):
+                raise UserError(
+                    f"No finished run of experiment={self.experiment} that was asked for has feedback={wanted}; "
+                    f"{nearest(wanted, list(names.values()))}."
+                )
+        chosen = [text for text in names if not feedback or any(is_called(names[text], name) for name in feedback)]
+        overridden = any(Path(f).parent.name != slug for f, slug in self.frame[["folder", "slug"]].to_numpy())
+        if len(names) == 1 and not feedback and not overridden:
+            return [self]
+        # What has no finished run beside it, or no readable configuration, is still left out, and counted once.
+        labels = [(folder, _feedback_of_unfinished(folder)) for folder in self.unfinished]
+        return [
+            replace(
+                self,
+                frame=self.frame[self.frame["feedback"] == text].reset_index(drop=True),
+                unfinished=tuple(f for f, label in labels if (label if label in names else chosen[0]) == text),
+                setting=names[text],
+            )
+            for text in chosen
+        ]
 
 
 def load_runs(
@@ -56,7 +92,8 @@ def load_runs(
         output: the folder that holds all experiments.
         experiment: which one.
         methods: only these; all by default.
-        slugs: only these variants ("default", or the slug of a run's overrides); all by default.
+        slugs: only these variants ("default", or the slug of a run's overrides, with or without those of the
+            feedback); all by default.
         seed: the first seed; seeds below it are left out.
         replicas: how many seeds from `seed` (or 0) on; all by default.
 
@@ -65,12 +102,13 @@ def load_runs(
 
     Raises:
         UserError: nothing finished was found, a method that was asked for has no finished run, or runs of one
-            method and slug come from different configurations.
+            setting, method and slug come from different configurations.
     """
     first = seed or 0
     last = first + replicas if replicas is not None else None
     rows: list[dict[str, Any]] = []
     unfinished: list[Path] = []
+    feedbacks: dict[str, str] = {}
     for folder in sorted((output / experiment).glob("*/*/seed-*")):
         suffix = folder.name.removeprefix("seed-")
         if not suffix.isdecimal():
@@ -78,13 +116,13 @@ def load_runs(
         number = int(suffix)
         if (
             (methods and folder.parent.parent.name not in methods)
-            or (slugs and folder.parent.name not in slugs)
+            or (slugs and not {folder.parent.name, variant(folder.parent.name)} & set(slugs))
             or number < first
             or (last is not None and number >= last)
         ):
             continue
         if (folder / "DONE").exists():
-            rows.append(_read_summary(folder))
+            rows.append(_read_run(folder, feedbacks))
         else:
             unfinished.append(folder)
     finished = {done.parents[2].name for done in (output / experiment).glob("*/*/seed-*/DONE")}
@@ -95,6 +133,8 @@ def load_runs(
     frame = pd.DataFrame(rows).sort_values(["method", "slug", "seed"], ignore_index=True)
     _require(methods, set(frame["method"]), experiment)
     _check_same_configuration(frame)
+    # an override that repeats the default is another folder, but the same run
+    frame = frame.drop_duplicates(["feedback", "method", "slug", "seed"], ignore_index=True)
     return Runs(experiment, frame, tuple(unfinished))
 
 
@@ -129,22 +169,35 @@ def describe_seeds(seeds: Sequence[int]) -> str:
     return f"{span} ({len(seeds)})"
 
 
-def _read_summary(folder: Path) -> dict[str, Any]:
+def _read_run(folder: Path, feedbacks: dict[str, str]) -> dict[str, Any]:
+    """The row of a run; `feedbacks` keeps what is known by configuration hash, since YAML is slow to read."""
+    name = "summary.json"
     try:
-        summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-        return _row(summary, folder)
+        summary = json.loads((folder / name).read_text(encoding="utf-8"))
+        row = _row(summary, folder)
+        name = "config.yaml"
+        if row["config_hash"] not in feedbacks:
+            feedbacks[row["config_hash"]] = read_feedback(folder)
     except (OSError, ValueError, KeyError) as error:
         raise UserError(
-            f"{folder} is marked as finished, but its summary.json cannot be used "
+            f"{folder} is marked as finished, but its {name} cannot be used "
             f"({type(error).__name__}: {error}). Delete the folder and run this seed again."
         ) from error
+    return row | {"feedback": feedbacks[row["config_hash"]]}
+
+
+def _feedback_of_unfinished(folder: Path) -> str:
+    try:
+        return read_feedback(folder)
+    except (OSError, ValueError):
+        return ""
 
 
 def _row(summary: dict[str, Any], folder: Path) -> dict[str, Any]:
     metrics = {name: np.nan if value is None else float(value) for name, value in summary["metrics"].items()}
     return {
         "method": summary["method"],
-        "slug": summary["slug"],
+        "slug": variant(summary["slug"]),
         "seed": int(summary["seed"]),
         "name": summary.get("paper", {}).get("name", summary["method"]),
         "folder": str(folder),
@@ -156,7 +209,7 @@ def _row(summary: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 def _check_same_configuration(frame: pd.DataFrame) -> None:
     problems = []
-    for (method, slug), group in frame.groupby(["method", "slug"]):
+    for (_, method, slug), group in frame.groupby(["feedback", "method", "slug"]):
         by_hash = {str(key): list(part["seed"]) for key, part in group.groupby("config_hash")}
         if len(by_hash) > 1:
             parts = ", ".join(f"{key[:12]} (seeds {describe_seeds(seeds)})" for key, seeds in by_hash.items())

@@ -31,7 +31,9 @@ class Scale:
             means: one a row of the table, NaN = not known.
             errors: their standard errors, NaN = not known.
         """
-        sizes, spreads = means.abs()[means != 0].dropna(), errors[errors > 0]
+        # what is zero, and the error of equal scores, may be left as rounding
+        tiny = 1e-9 * means.abs().max()
+        sizes, spreads = means.abs()[means.abs() > tiny], errors[errors > tiny]
         exponent = 0
         if len(sizes) and (sizes.min() >= 1e4 or sizes.max() < 0.05):
             exponent = 3 * math.floor(math.log10(sizes.min()) / 3)

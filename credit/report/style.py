@@ -8,13 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
+from numpy.typing import NDArray
 
 from credit.tracking.palette import COLOURS
 
 # For methods from elsewhere; those that ship have their colours in the palette.
-SPARE = ("#332288", "#ddcc77", "#999933", "#117733", "#aa4499", "#661100")
+SPARE = ("#117733", "#aa4499", "#661100", "#44aa99", "#6699cc", "#806000")
 DASHES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))
 SETTINGS: dict[Any, Any] = {
     "font.size": 9,
@@ -75,6 +78,36 @@ def label_ends(axes: Axes, labels: list[tuple[float, str, str]], gap: float = 0.
             fontsize=8,
             arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.6, "relpos": (0, 0.5)},
         )
+
+
+def spread_out(axes: Axes, scores: NDArray[np.float64]) -> str:
+    """A logarithmic axis where scores differ tenfold; where some are not positive, linear around zero.
+
+    Args:
+        axes: the panel, whose horizontal axis is changed.
+        scores: [n] what is drawn.
+
+    Returns:
+        What a reader has to be told about the axis.
+    """
+    lower = float(np.quantile(scores, 0.25))
+    if lower <= 0 or scores.max() < 10 * lower:
+        return ""
+    remark = ""
+    if scores.min() > 0:
+        axes.set_xscale("log")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    else:
+        linear = 10.0 ** round(np.log10(lower))
+        decades = 10.0 ** np.arange(np.ceil(np.log10(scores.max() / linear)))
+        limits = (min(1.3 * scores.min(), -0.1 * linear), 1.2 * scores.max())
+        ticks = np.array([-2, -1, -0.5, 0, 0.5, *np.outer(decades, [1, 2, 5]).ravel()]) * linear
+        axes.set_xscale("symlog", linthresh=linear, linscale=1.5)
+        axes.set_xticks(ticks[(ticks >= limits[0]) & (ticks <= limits[1])])
+        axes.set_xlim(*limits)
+        remark = f"linear up to {linear:g}"
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    return remark
 
 
 def save(figure: Figure | None, folder: Path, name: str) -> list[Path]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import pandas as pd
@@ -12,7 +13,7 @@ from rich.text import Text
 
 from credit.report.comparison import Comparison, Row, interval_of
 from credit.report.scale import SUPERSCRIPTS, UNKNOWN, Scale
-from credit.report.text import caption, sentences
+from credit.report.text import caption, heading, sentences
 
 Cell = tuple[str, str]  # a value, and what stands in brackets below or after it ("" = nothing)
 GAP = 2  # characters between two columns of a terminal table
@@ -56,29 +57,44 @@ def terminal_tables(comparison: Comparison, width: int = 100) -> list[Table]:
     return [table for grid in grids(comparison) for table in _fit(grid, width)]
 
 
-def markdown(comparison: Comparison) -> str:
-    """The tables, the sentences and the caption as Markdown."""
-    parts = [f"# Comparison: {comparison.experiment}"]
-    for grid in grids(comparison):
-        lines = [
-            f"## {grid.title}",
-            "",
-            _pipes(grid.header),
-            _pipes(["---", *["---:"] * (len(grid.header) - 1)]),
-        ]
-        lines += [_pipes([f"{value} {below}".strip() for value, below in row]) for row in grid.rows]
-        parts.append("\n".join(lines))
-    parts += ["\n".join(f"- {line}" for line in sentences(comparison)), caption(comparison)]
-    return "\n\n".join(part for part in parts if part) + "\n"
+def markdown(*comparisons: Comparison) -> str:
+    """The tables and sentences of every setting, and the caption, as Markdown."""
+    parts = [f"# Comparison: {comparisons[0].runs.experiment}"]
+    for comparison in comparisons:
+        level = "##"
+        if heading(comparison.runs):
+            parts.append(f"## `{heading(comparison.runs)}`")
+            level = "###"
+        for grid in grids(comparison):
+            rule = _pipes(["---", *["---:"] * (len(grid.header) - 1)])
+            lines = [f"{level} {grid.title}", "", _pipes(grid.header), rule]
+            lines += [_pipes([f"{value} {below}".strip() for value, below in row]) for row in grid.rows]
+            parts.append("\n".join(lines))
+        parts.append("\n".join(f"- {line}" for line in sentences(comparison)))
+    return "\n\n".join([*filter(None, parts), caption(*comparisons)]) + "\n"
 
 
-def latex(comparison: Comparison) -> str:
-    """A table environment to be read with \\input; it needs only the booktabs package."""
-    lines = ["% Needs \\usepackage{booktabs}.", "\\begin{table}[t]", "\\centering", "\\scriptsize"]
-    lines += [
-        "\\setlength{\\tabcolsep}{3pt}",
-        f"\\caption{{Methods on {_tex(comparison.experiment)}: {_tex(caption(comparison))}}}\\smallskip",
-    ]
+def latex(*comparisons: Comparison) -> str:
+    """A table environment for every setting, to be read with \\input; they need only the booktabs package."""
+    tables = [_latex_table(comparison) for comparison in comparisons]
+    return "\n\n".join(["% Needs \\usepackage{booktabs}.\n" + tables[0], *tables[1:]]) + "\n"
+
+
+def csv(*comparisons: Comparison) -> str:
+    """The raw numbers, one row a method and slug; a named setting is the first column."""
+    return _to_csv([(comparison.runs.setting, comparison.table) for comparison in comparisons])
+
+
+def runs_csv(*comparisons: Comparison) -> str:
+    """The final metrics, one row a run; a named setting is the first column."""
+    hidden = ["name", "folder", "feedback"]
+    return _to_csv([(part.runs.setting, part.runs.frame.drop(columns=hidden)) for part in comparisons])
+
+
+def _latex_table(comparison: Comparison) -> str:
+    where = f"{comparison.runs.experiment}{f', {heading(comparison.runs)}' if heading(comparison.runs) else ''}"
+    lines = ["\\begin{table}[t]", "\\centering", "\\scriptsize", "\\setlength{\\tabcolsep}{3pt}"]
+    lines += [f"\\caption{{Methods on {_tex(where)}: {_tex(caption(comparison))}}}\\smallskip"]
     for grid in grids(comparison):
         lines += ["", f"\\begin{{tabular}}{{@{{}}l{'r' * (len(grid.header) - 1)}@{{}}}}", "\\toprule"]
         lines += [_ampersands([_two_lines(name) for name in grid.header]), "\\midrule"]
@@ -88,12 +104,7 @@ def latex(comparison: Comparison) -> str:
                 lines.append(_ampersands([below for _, below in row]))
             lines.append("\\addlinespace[2pt]")
         lines[-1:] = ["\\bottomrule", "\\end{tabular}", "\\par\\medskip"]
-    return "\n".join([*lines[:-1], "\\end{table}"]) + "\n"
-
-
-def csv(comparison: Comparison) -> str:
-    """The raw numbers, one row a method and slug."""
-    return str(comparison.table.to_csv(index=False))
+    return "\n".join([*lines[:-1], "\\end{table}"])
 
 
 def _fit(grid: Grid, width: int) -> list[Table]:
@@ -177,6 +188,16 @@ def _contrasts(comparison: Comparison) -> Grid:
 def _interval(scale: Scale, row: Row, name: str, signed: bool = False) -> Cell:
     interval = interval_of(row, name)
     return scale.number(interval.value, signed), scale.ends(interval, signed)
+
+
+def _to_csv(tables: Sequence[tuple[str, pd.DataFrame]]) -> str:
+    named = []
+    for setting, table in tables:
+        if setting:
+            table = table.copy()
+            table.insert(0, "setting", setting)
+        named.append(table)
+    return str(pd.concat(named).to_csv(index=False))
 
 
 def _pipes(cells: list[str]) -> str:

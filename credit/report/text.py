@@ -5,10 +5,33 @@ from __future__ import annotations
 import pandas as pd
 
 from credit.report.comparison import Comparison, interval_of
+from credit.report.runs import Runs
 
 
-def caption(comparison: Comparison) -> str:
-    """What the columns mean, in one paragraph of plain text."""
+def heading(runs: Runs) -> str:
+    """The setting as one would type it; empty where it has no name."""
+    return f"feedback={runs.setting}" if runs.setting else ""
+
+
+def caption(*comparisons: Comparison) -> str:
+    """What the columns mean, in one paragraph of plain text for all settings."""
+    return "; ".join(dict.fromkeys(part for comparison in comparisons for part in _explained(comparison))) + "."
+
+
+def sentences(comparison: Comparison) -> list[str]:
+    """What may be said about the differences to the reference, and what was left out."""
+    lines = _differences(comparison)
+    for row in comparison.rows:
+        for measure in comparison.measures:
+            known = row[f"{measure.metric}/n"]
+            if 0 < known < row["n"]:
+                lines.append(f"{measure.title} of {row['name']} is known for {known} of {row['n']} seeds only.")
+    if unfinished := len(comparison.runs.unfinished):
+        lines.append(f"{unfinished} unfinished {'run was' if unfinished == 1 else 'runs were'} left out.")
+    return lines
+
+
+def _explained(comparison: Comparison) -> list[str]:
     parts = ["± is one standard error over seeds"]
     if comparison.paper:
         parts.append(f"[mean ± s.e.] is from {comparison.paper.source}, {comparison.paper.seeds} seeds")
@@ -22,21 +45,7 @@ def caption(comparison: Comparison) -> str:
         )
     if comparison.counts_trapped:
         parts.append(f"trapped seeds end with a regret above {comparison.trapped_above:g}")
-    return "; ".join(parts) + "."
-
-
-def sentences(comparison: Comparison) -> list[str]:
-    """What may be said about the differences to the reference, and what was left out."""
-    lines = _differences(comparison)
-    for row in comparison.rows:
-        for measure in comparison.measures:
-            known = row[f"{measure.metric}/n"]
-            if 0 < known < row["n"]:
-                lines.append(f"{measure.title} of {row['name']} is known for {known} of {row['n']} seeds only.")
-    if comparison.unfinished:
-        plural = "run was" if comparison.unfinished == 1 else "runs were"
-        lines.append(f"{comparison.unfinished} unfinished {plural} left out.")
-    return lines
+    return parts
 
 
 def _differences(comparison: Comparison) -> list[str]:

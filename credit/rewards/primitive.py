@@ -2,40 +2,46 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import torch
 from torch import Tensor
 
+from credit.cells import PAIRS, Axis, Cells
 from credit.interfaces import RewardModel
 from credit.types import FLOAT, Estimate, Problem, Windows
 
 
 class PrimitiveReward(RewardModel):
-    """The mean primitive reward seen at every pair, zero where none was seen: the floor for recovery methods.
+    """The mean primitive reward seen in every cell, zero where none was seen: the floor for recovery methods.
 
     Args:
         name: the model's name in metrics, files and figures.
+        looks_at: the axes of the table.
     """
 
     domain: ClassVar = "tabular"
     sees_primitive: ClassVar = True
 
-    def __init__(self, name: str = "primitive") -> None:
+    def __init__(self, name: str = "primitive", looks_at: Sequence[Axis] = PAIRS) -> None:
         self.name = name
+        self.looks_at = looks_at
 
     def start(self, problem: Problem, draws: int) -> None:
         """Nothing seen yet."""
-        self._actions, self._draws = problem.actions, draws
-        self._total, self._visits = problem.zeros(problem.pairs), problem.zeros(problem.pairs)
+        self._draws = draws
+        self._cells = Cells.over(self.looks_at, problem.window, problem.states, problem.actions)
+        self._own = self._cells.index(problem.cells.steps(problem.device))
+        self._total, self._visits = problem.zeros(self._cells.count), problem.zeros(self._cells.count)
 
     def observe(self, windows: Windows, weights: Tensor) -> None:
         """Add the primitive reward of every step."""
         if windows.primitive is None:
             raise ValueError("the primitive reward was not shown to the oracle")
-        pairs = windows.pairs(self._actions).flatten(1)
-        self._total.scatter_add_(1, pairs, windows.primitive.flatten(1))
-        self._visits.scatter_add_(1, pairs, torch.ones_like(pairs, dtype=FLOAT))
+        cells = self._cells.index(windows).flatten(1)
+        self._total.scatter_add_(1, cells, windows.primitive.flatten(1))
+        self._visits.scatter_add_(1, cells, torch.ones_like(cells, dtype=FLOAT))
 
     def refit(self, windows: Windows, weights: Tensor) -> None:
         """Forget, and see these windows."""
@@ -43,7 +49,12 @@ class PrimitiveReward(RewardModel):
         self._visits.zero_()
         self.observe(windows, weights)
 
-    def estimate(self) -> Estimate:
-        """The table, without spread."""
-        table = self._total / self._visits.clamp(min=1)
+    def looks(self, problem: Problem) -> Tensor:
+        """All unvisited cells have 0, unless the table tells less apart than other models do."""
+        return self._own if self._cells != problem.cells else torch.zeros_like(self._own)
+
+    def estimate(self, cells: Tensor | None = None) -> Estimate:
+        """The table, for some cells [R, n] or for all, without spread."""
+        own = self._own.expand(len(self._total), -1) if cells is None else self._own[cells]
+        table = (self._total / self._visits.clamp(min=1)).gather(1, own)
         return Estimate(table, table.unsqueeze(1).expand(-1, self._draws, -1))

@@ -58,7 +58,7 @@ class Counts(TransitionTable):
 class ObservedCounts(TransitionModel):
     """P̂(s'|s, a) = N(s, a, s')/max(1, N(s, a)) to the letter of appendix C, for problems too large to write P̂ out.
 
-    What is stored are the observed transitions; a backup costs O(transitions so far), whatever S is.
+    What is stored are the different observed transitions; a backup costs O(their number), whatever S is.
     """
 
     domain: ClassVar = "tabular"
@@ -66,24 +66,32 @@ class ObservedCounts(TransitionModel):
     def start(self, problem: Problem) -> None:
         """No transition was seen."""
         self._problem = problem
-        self._seen = 0
-        self._pairs = torch.zeros(problem.replicas, 1, dtype=torch.int64, device=problem.device)
+        self._columns: list[dict[int, int]] = [{} for _ in problem.seeds]  # (s, a, s') → column of the three below
+        self._pairs = torch.zeros(problem.replicas, 256, dtype=torch.int64, device=problem.device)
         self._arrivals = torch.zeros_like(self._pairs)
+        self._times = problem.zeros(256)
         self._visits = problem.zeros(problem.pairs)
+        self._seen = 0
 
     def observe(self, windows: Windows) -> None:
-        """Store every step of new windows."""
-        pairs = windows.pairs(self._problem.actions).flatten(1)
-        before, self._seen = self._seen, self._seen + pairs.shape[1]
+        """Count every step of new windows."""
+        pairs, arrivals = windows.pairs(self._problem.actions).flatten(1), windows.next_states.flatten(1)
+        triples = (pairs * self._problem.states + arrivals).tolist()
+        held = zip(self._columns, triples, strict=True)
+        places = [[columns.setdefault(triple, len(columns)) for triple in of_replica] for columns, of_replica in held]
+        self._seen = max(map(len, self._columns))
         if self._seen > self._pairs.shape[1]:
             self._pairs, self._arrivals = grown(self._pairs, self._seen), grown(self._arrivals, self._seen)
-        self._pairs[:, before : self._seen] = pairs
-        self._arrivals[:, before : self._seen] = windows.next_states.flatten(1)
-        self._visits.scatter_add_(1, pairs, torch.ones_like(pairs, dtype=FLOAT))
+            self._times = grown(self._times, self._seen)
+        column, once = torch.tensor(places, device=pairs.device), torch.ones_like(pairs, dtype=FLOAT)
+        self._pairs.scatter_(1, column, pairs)
+        self._arrivals.scatter_(1, column, arrivals)
+        self._times.scatter_add_(1, column, once)
+        self._visits.scatter_add_(1, pairs, once)
 
     def backup(self, values: Tensor) -> Tensor:
         """The mean value of the observed successors, 0 where there is none, [R, S, A]."""
-        ahead = values.gather(1, self._arrivals[:, : self._seen])
+        ahead = values.gather(1, self._arrivals[:, : self._seen]) * self._times[:, : self._seen]
         total = torch.zeros_like(self._visits).scatter_add_(1, self._pairs[:, : self._seen], ahead)
         return (total / self._visits.clamp(min=1)).view(-1, self._problem.states, self._problem.actions)
 

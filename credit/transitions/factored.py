@@ -9,9 +9,10 @@ from torch import Tensor
 
 from credit.envs.sepsis import ACTIONS, STATES, decode
 from credit.transitions.counts import ObservedCounts
-from credit.types import FLOAT, Positive, Problem, Windows
+from credit.types import FLOAT, Positive, Probability, Problem, Windows
 
 VITALS, LEVELS, TREATMENTS = 4, 3, 8
+PAIR = LEVELS**2
 # A context is what one vital's move depends on: diabetes, current treatments, action, its own level.
 CONTEXT = (2, TREATMENTS, ACTIONS, LEVELS)
 
@@ -25,19 +26,23 @@ class FactoredMixture(ObservedCounts):
 
     Args:
         pseudo_counts: κ, visits to (s, a) after which its own counts weigh as much as the structure.
-        level_counts: pseudo-counts of each context, spread evenly over the three levels.
+        level_counts: pseudo-counts of each context.
+        inertia: share of them that lies on the vital's own level, the rest is spread evenly. What is unknown then does
+            little, as a self-loop would; spread evenly alone, an untried treatment looks dangerous and stays untried.
     """
 
     domain: ClassVar = "tabular"
 
-    def __init__(self, pseudo_counts: Positive = 2.0, level_counts: Positive = 1.0) -> None:
+    def __init__(self, pseudo_counts: Positive = 2.0, level_counts: Positive = 1.0, inertia: Probability = 0.9) -> None:
         self.pseudo_counts = pseudo_counts
         self.level_counts = level_counts
+        self.inertia = inertia
 
     def start(self, problem: Problem) -> None:
         """Only the pseudo-counts."""
         super().start(problem)
-        self._moves = problem.zeros(VITALS, *CONTEXT, LEVELS) + self.level_counts / LEVELS
+        self._moves = problem.zeros(VITALS, *CONTEXT, LEVELS)
+        self._joint = self._pairs_of_vitals()
 
     def observe(self, windows: Windows) -> None:
         """Count every step for its pair, and each vital's move for its context."""
@@ -49,6 +54,7 @@ class FactoredMixture(ObservedCounts):
             index = (context * LEVELS + now[..., 1 + vital]) * LEVELS + then[..., 1 + vital]
             index = index.flatten(1)
             self._moves[:, vital].flatten(1).scatter_add_(1, index, torch.ones_like(index, dtype=FLOAT))
+        self._joint = self._pairs_of_vitals()
 
     def backup(self, values: Tensor) -> Tensor:
         """The mixture of both backups [R, S, A]."""
@@ -57,10 +63,18 @@ class FactoredMixture(ObservedCounts):
         return (visits * own + self.pseudo_counts * structured) / (visits + self.pseudo_counts)
 
     def structured(self, values: Tensor) -> Tensor:
-        """P̃ v [R, S, A] of values [R, S], averaged over one vital after the other; its level now takes its place."""
-        chances = self._moves / self._moves.sum(-1, keepdim=True)
-        ahead = values.view(-1, 2, *[LEVELS] * VITALS, ACTIONS).movedim(-1, 2).unsqueeze(2)  # [R, d, 1, a, 3, 3, 3, 3]
-        for vital in reversed(range(VITALS)):
-            move = chances[:, vital].view(-1, 2, TREATMENTS, ACTIONS, 1, 1, 1, LEVELS, LEVELS)
-            ahead = (ahead.unsqueeze(-2) * move).sum(-1).movedim(-1, 4)
-        return ahead.permute(0, 1, 4, 5, 6, 7, 2, 3).reshape(-1, STATES, ACTIONS)
+        """P̃ v [R, S, A] of values [R, S]."""
+        first, second = self._joint
+        ahead = values.view(-1, 2, 1, PAIR, PAIR, ACTIONS).movedim(-1, 3)  # [R, d, 1, a, 9, 9]
+        expected = first @ ahead @ second.mT  # [R, d, treatments, a, 9, 9]
+        return expected.permute(0, 1, 4, 5, 2, 3).reshape(-1, STATES, ACTIONS)
+
+    def _pairs_of_vitals(self) -> list[Tensor]:
+        """How two vitals move together, [R, d, treatments, a, 9, 9], for the first two and for the last two."""
+        prior = self.inertia * torch.eye(LEVELS, dtype=FLOAT) + (1 - self.inertia) / LEVELS
+        counts = self._moves + self.level_counts * prior.to(self._moves.device)
+        chances = counts / counts.sum(-1, keepdim=True)
+        return [
+            torch.einsum("...ij,...kl->...ikjl", chances[:, vital], chances[:, vital + 1]).flatten(-2).flatten(-3, -2)
+            for vital in (0, 2)
+        ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 TRAIN = "train"
@@ -42,7 +43,7 @@ CASES = {
     "parts that do not fit": ((TRAIN, "assigner=delayed"), ["ValueIteration", "RewardFunction", "Delayed"]),
     "bonus without its model": (
         (TRAIN, "method=oracle", "bonus=[elliptical]"),
-        ["Elliptical", "LinearModel", "reference"],
+        ["Elliptical", "RidgeModel", "reference"],
     ),
     "too many macro-actions": (
         (TRAIN, "method=block", "feedback.window=20"),
@@ -53,8 +54,65 @@ CASES = {
         ["1296 states", "transition=observed_counts"],
     ),
     "a continuing planner in episodes": (
-        (TRAIN, "experiment=sepsis", "method=delayed"),
+        (TRAIN, "experiment=sepsis", "method=delayed", "learner=q_learning"),
         ["QLearning works on continuing environments only", "episodic Sepsis"],
+    ),
+    "a horizon of 0": (
+        (TRAIN, "experiment=sepsis", "feedback=terminal", "feedback.window=0"),
+        ["feedback.window=0", "int ≥ 1"],
+    ),
+    "rounds longer than the run": (
+        (TRAIN, "experiment=sepsis", "trainer.steps=20"),
+        ["trainer.windows_per_round=10", "the 4 windows", "trainer.steps=20", "feedback.window=5", "at most 4"],
+    ),
+    "first rounds longer than the run": (
+        (TRAIN, "trainer.steps=21", "trainer.first_windows_per_round=4"),
+        ["trainer.first_windows_per_round=4", "the 3 windows", "at most 3"],
+    ),
+    "more random windows than the run has": (
+        (TRAIN, "experiment=sepsis", "method=credit_hypotheses", "trainer.steps=125"),
+        ["trainer.random_windows=50", "the 25 windows", "at most 25, or more steps"],
+    ),
+    "moves up and down above 1 in all": (
+        (TRAIN, "experiment=sepsis", "env.fluctuation=.6"),
+        ["env.fluctuation=0.6", "≤ 0.5"],
+    ),
+    "start that does not sum to 1": (
+        (TRAIN, "experiment=sepsis", "env.start_oxygen=[.2,.7,0]"),
+        ["env.start_oxygen=[0.2, 0.7, 0]", "three probabilities", "sum to 1"],
+    ),
+    "start with a negative share": (
+        (TRAIN, "experiment=sepsis", "env.start_heart_rate=[-.5,1,.5]"),
+        ["env.start_heart_rate=[-0.5, 1, 0.5]", "three probabilities"],
+    ),
+    "start that is drawn again for ever": (
+        (
+            TRAIN,
+            "experiment=sepsis",
+            *(f"env.start_{vital}=[0,1,0]" for vital in ("heart_rate", "blood_pressure", "oxygen", "glucose")),
+            "env.start_glucose_diabetes=[0,1,0]",
+        ),
+        ["env.start_*", "1 or 2 abnormal vitals", "again for ever", "above 0"],
+    ),
+    "labels held out by nobody": (
+        (TRAIN, "mixer=stacking", "uncertainty=analytic"),
+        ["Stacking needs a Bootstrap in uncertainty", "Analytic"],
+    ),
+    "method of another experiment": (
+        (TRAIN, "method=credit_hypotheses"),
+        ["method=credit_hypotheses", "experiment=sepsis only", "advertiser", "credit list"],
+    ),
+    "the step where windows follow each other": (
+        (TRAIN, "reference.credit=last_step"),
+        ["looks at the step", "windows follow each other", "an environment with episodes"],
+    ),
+    "s' beside (s, a)": (
+        (TRAIN, "experiment=sepsis", "reference.looks_at=[step,next_state]"),
+        ["look at step, state, action, next_state", "(s, a) or of s'", "looks_at, patient"],
+    ),
+    "patients in advertising": (
+        (TRAIN, "+reward@surrogates.clinical=clinical", "surrogates.clinical.name=clinical"),
+        ["Clinical describes patients of env=sepsis", "1296 states, 8 actions", "10 states and 3 actions"],
     ),
     "shorter than a window": ((TRAIN, "trainer.steps=3"), ["trainer.steps=3", "feedback.window=7"]),
     "output is a file": ((TRAIN, "output=/dev/null/x"), ["output='/dev/null/x'", "/dev/null"]),
@@ -82,6 +140,42 @@ def test_is_refused_with_a_message(credit, folder, words, expected):
     for part in expected:
         assert part in ended.err
     assert list(folder.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("row", "between", "total"), [((1.25, 0, 0), "0 to 0.6125", "1.25"), ((-0.25, 0, 1), "-0.1225 to 0.49", "0.75")]
+)
+def test_a_row_that_is_no_distribution_is_named(credit, folder, monkeypatch, row, between, total):
+    from credit.envs.sepsis import Sepsis
+
+    vitals = Sepsis._vitals
+
+    def spoiled(self, *case):
+        heart_rate, *rest = vitals(self, *case)
+        if case == (1, (0, 1, 0), (1, 0, 1)):  # diabetes; vasopressors are stopped, antibiotics and ventilator given
+            heart_rate = heart_rate.clone()
+            heart_rate[2] = heart_rate.new_tensor(row)
+        return heart_rate, *rest
+
+    monkeypatch.setattr(Sepsis, "_vitals", spoiled)
+    ended = credit("train", "experiment=sepsis")
+    # The first such patient: diabetes, a high heart rate, all else low: (81 + 2·27)·8 + treatments 010 = 1082. Oxygen
+    # rises with .7, glucose stays with .7: the row's largest entries are .49 of the heart rate's.
+    assert ended.code == 2
+    assert "transition row (s=1082, a=5) is no distribution" in ended.err
+    assert f"its entries go from {between} and have the sum {total}" in ended.err
+    assert "must lie in [0, 1] and sum to 1" in ended.err
+    assert "Traceback" not in ended.err
+    assert list(folder.iterdir()) == []
+
+
+def test_an_episode_cut_short_is_allowed(credit, folder):
+    words = ("method=disagreement", "trainer.steps=58", "trainer.windows_per_round=5", "replicas=1", "tracking=none")
+    assert credit("train", "experiment=sepsis", *words).code == 0
+    rows = next(folder.rglob("metrics.csv")).read_text().splitlines()
+    assert [row.split(",")[0] for row in rows] == ["step", "58"]
+    with np.load(next(folder.rglob("recovery.npz"))) as arrays:
+        assert arrays["windows/states"].shape == (11, 5)
 
 
 def test_all_problems_at_once(credit):

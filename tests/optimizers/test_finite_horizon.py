@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from credit.cells import PAIRS, Cells
 from credit.dataset import Dataset
 from credit.interfaces import RewardFunction, TransitionModel
 from credit.optimizers.finite_horizon import FiniteHorizon
@@ -17,6 +18,7 @@ from credit.types import FLOAT, Problem, Recovery, Windows
 
 Make = Callable[..., Problem]
 STATES, ACTIONS, WINDOW = 6, 3, 4
+CELLS = Cells(PAIRS, (STATES, ACTIONS))
 
 
 class Believed(RewardFunction):
@@ -24,7 +26,7 @@ class Believed(RewardFunction):
 
     def __init__(self, mixed: torch.Tensor, plan: torch.Tensor) -> None:
         none = mixed.unsqueeze(1)[:, :0]
-        self._recovery = Recovery((), none, (), none, none, none, mixed.long(), mixed, {}, plan, mixed)
+        self._recovery = Recovery((), none, (), none, none, none, mixed.long(), mixed, {}, plan, mixed, CELLS)
 
     def start(self, problem: Problem) -> None: ...
 

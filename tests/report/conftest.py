@@ -18,6 +18,8 @@ NAMES = {
     "adaptive_mse": "Adaptive MSE-UCB",
     "disagreement": "Disagreement-UCB",
 }
+BLOCK_SUM = {"_target_": "credit.feedback.BlockSum", "window": 7, "noise": 0.2}
+TERMINAL = {"_target_": "credit.feedback.Terminal", "window": 5}
 WriteRun = Callable[..., Path]
 
 
@@ -49,6 +51,7 @@ def write_run(tmp_path: Path) -> WriteRun:
         steps: tuple[int, ...] = (100, 200, 300),
         recovery: Mapping[str, Any] | None = None,
         done: bool = True,
+        feedback: Mapping[str, Any] = BLOCK_SUM,
     ) -> Path:
         folder = tmp_path / "outputs" / experiment / method / slug / f"seed-{seed}"
         folder.mkdir(parents=True)
@@ -68,6 +71,7 @@ def write_run(tmp_path: Path) -> WriteRun:
             "metrics": dict(metrics),
             "paper": {"name": NAMES.get(method, method)},
         }
+        (folder / "config.yaml").write_text(json.dumps({"feedback": feedback}), encoding="utf-8")
         (folder / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
         if recovery is not None:
             np.savez(folder / "recovery.npz", **recovery)

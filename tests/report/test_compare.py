@@ -13,6 +13,7 @@ from credit.report.compare import compare
 from credit.report.comparison import summarise
 from credit.report.figures import distribution_figure
 from credit.report.heatmaps import heatmaps_figure
+from credit.report.recovered import recovered_maps
 from credit.report.runs import load_runs
 from credit.report.style import SPARE, colours, save
 from credit.tracking.palette import COLOURS
@@ -79,23 +80,22 @@ def test_the_same_runs_give_the_same_files(output: Path):
 
 def test_heat_maps_of_one_seed_and_of_the_mean(output: Path):
     runs = load_runs(output, "advertiser")
-    mean, one = heatmaps_figure(runs), heatmaps_figure(runs, seed=2)
-    assert mean is not None
-    assert one is not None
+    maps = [recovered_maps(runs), recovered_maps(runs, seed=2)]
+    mean, one = [heatmaps_figure(each) for each in maps if each is not None]
     assert mean.get_suptitle() == "Disagreement-UCB, end of training, mean over 4 seeds"
     assert one.get_suptitle() == "Disagreement-UCB, end of training, seed 2"
     titles = [re.sub(r" \(.*", "", axes.get_title("left") or axes.get_title()) for axes in mean.axes]
     rewards = ["True reward", "Ridge reward", "Linear reward", "Mixed reward"]
     assert [title for title in titles if title] == [*rewards, "Weight of ridge"]
     with pytest.raises(UserError, match=r"diagnostics_seed=9 is not among the finished seeds of Disagreement"):
-        heatmaps_figure(runs, seed=9)
-    assert heatmaps_figure(load_runs(output, "advertiser", methods=["block"])) is None
+        recovered_maps(runs, seed=9)
+    assert recovered_maps(load_runs(output, "advertiser", methods=["block"])) is None
 
 
 def test_large_tables_are_not_drawn(write_run: WriteRun, tmp_path: Path):
     arrays = recovery_arrays(np.random.default_rng(0), states=40, actions=8)
     write_run("disagreement", 0, {"regret/cumulative": -3.0}, recovery=arrays)
-    assert heatmaps_figure(load_runs(tmp_path / "outputs", "advertiser")) is None
+    assert recovered_maps(load_runs(tmp_path / "outputs", "advertiser")) is None
 
 
 def test_figures_that_are_no_longer_drawn_do_not_stay(tmp_path: Path):
@@ -110,7 +110,7 @@ def test_scores_around_zero_and_far_apart_can_be_drawn(write_run: WriteRun, tmp_
         write_run("oracle", seed, {"regret/cumulative": 20.0 + seed if seed else -5.0})
         write_run("block", seed, {"regret/cumulative": 2000.0})
     runs = load_runs(tmp_path / "outputs", "advertiser")
-    axes = distribution_figure(runs, summarise(runs)).axes[0]
+    axes = distribution_figure([summarise(runs)]).axes[0]
     assert axes.get_xscale() == "symlog"
     assert axes.get_xticks().tolist() == [-5, 0, 5, 10, 20, 50, 100, 200, 500, 1000, 2000]
 
@@ -142,7 +142,7 @@ def test_command_line_problems_are_reported_together():
 def test_help_names_every_key_without_loading_pandas():
     code = "import sys; from launch.compare import main; main(['--help']); sys.exit('pandas' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    for key in ("experiment", "method", "slug", "seed", "replicas", "reference", "output", "tracking"):
+    for key in ("experiment", "method", "slug", "feedback", "seed", "replicas", "reference", "output", "tracking"):
         assert f"  {key}=" in done.stdout
 
 

@@ -162,6 +162,9 @@ def test_scale_follows_size_and_error():
     assert Scale.of(pd.Series([0.3, 0.9]), pd.Series([0.06, 0.0])) == Scale(0, 2)
     assert Scale.of(pd.Series([0.3, 0.9]), pd.Series([0.04, 0.1])) == Scale(0, 3)
     assert Scale.of(pd.Series([5.0]), pd.Series([float("nan")])) == Scale(0, 2)
+    # an error of rounding, and a zero of rounding, do not set the scale
+    assert Scale.of(pd.Series([1000.0, 800.0]), pd.Series([2e-13, 1.2])) == Scale(0, 1)
+    assert Scale.of(pd.Series([2e-3, 2e-30]), pd.Series([3e-4, 1e-31])) == Scale(-3, 2)
     assert Scale(0, 1).number(-0.5) == "−0.5"
     assert Scale(0, 1).number(float("nan")) == "–"
 

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import pytest
 import torch
 
+from credit.errors import UserError
 from credit.interfaces import FeatureMap
-from credit.rewards.features.clinical import Clinical, HealthRegime
-from credit.rewards.linear import all_pairs
+from credit.rewards.features.clinical import Clinical, HealthRegime, Patient
 from credit.types import Problem, Steps
 
 HEALTHY, INTERMEDIATE, SEVERE = 0, 1, 2
@@ -66,7 +66,7 @@ def test_every_pair_against_its_digits(make_problem: Callable[..., Problem]) -> 
     clinical, health = Clinical(), HealthRegime()
     for features in (clinical, health):
         features.start(problem)
-    linear, cells = clinical(all_pairs(problem)), health(all_pairs(problem))
+    linear, cells = clinical(problem.cells.steps(problem.device)), health(problem.cells.steps(problem.device))
     assert linear.shape == (10368, 5)
     assert cells.shape == (10368, 9)
     assert linear.dtype == cells.dtype == torch.float64
@@ -86,6 +86,48 @@ def test_every_pair_against_its_digits(make_problem: Callable[..., Problem]) -> 
     assert torch.equal(cells.argmax(-1), expected[:, 5].long())
     assert (cells.sum(-1) == 1).all()
     assert (cells.sum(0) > 0).all()  # no cell is always empty
+
+
+def test_the_patient_is_its_digits_one_hot_without_the_action() -> None:
+    ill = state(1, (0, 2, 1, 2), (1, 0, 1))
+    diabetes, vitals, treated = [0, 1], [1, 0, 0, 0, 0, 1, 0, 1, 0, 0, 0, 1], [0, 1, 1, 0, 0, 1]
+    by_hand = [*diabetes, *vitals, *treated]
+    assert told(Patient(), (ill, 0), (ill, 7)) == [by_hand, by_hand]
+    states = torch.arange(1296)
+    rows = Patient()(Steps(states, states * 0, states))
+    assert rows.dtype == torch.float64
+    assert len(rows.unique(dim=0)) == 1296
+    assert rows.sum(-1).unique().tolist() == [8]
+
+
+@pytest.mark.parametrize("diabetes", [0, 1])
+def test_features_of_the_patient_that_a_step_leads_to(diabetes: int) -> None:
+    # The action is in the treatments of s': neither s nor a is looked at.
+    well, ill = state(diabetes, (1, 1, 1, 1)), state(diabetes, (0, 2, 1, 2), (1, 0, 1))
+    weaned = state(diabetes, (1, 1, 0, 1), (0, 1, 0))
+    arrivals = torch.tensor([well, ill, weaned])
+    for states, actions in ((arrivals * 0, arrivals * 0), (arrivals.flip(0), arrivals * 0 + 7)):
+        steps = Steps(states, actions, arrivals)
+        clinical, health = Clinical("next_state"), HealthRegime("next_state")
+        assert tuple(clinical.looks_at) == tuple(health.looks_at) == ("next_state",)
+        found = [pytest.approx(row) for row in clinical(steps).tolist()]
+        assert found == [[1, 0, 0, diabetes], [1, 3 / 4, 2 / 3, diabetes], [1, 1 / 4, 1 / 3, diabetes]]
+        cells = health(steps)
+        assert cells.shape == (3, 9)
+        assert cells.sum(-1).tolist() == [1, 1, 1]
+        assert cells.argmax(-1).tolist() == [HEALTHY * 3 + 0, SEVERE * 3 + 2, INTERMEDIATE * 3 + 1]
+    assert set(Clinical().looks_at) == set(HealthRegime().looks_at) == {"state", "action"}
+
+
+@pytest.mark.parametrize("features", [Clinical(), Clinical("next_state"), HealthRegime(), Patient()])
+@pytest.mark.parametrize(("states", "actions"), [(10, 3), (1296, 3), (1295, 8)])
+def test_other_environments_have_no_patients(
+    make_problem: Callable[..., Problem], features: FeatureMap, states: int, actions: int
+) -> None:
+    name = type(features).__name__
+    with pytest.raises(UserError, match=rf"{name} describes.*1296 states, 8 actions.*{states} states and {actions} ac"):
+        features.start(make_problem((0,), states=states, actions=actions))
+    features.start(make_problem((0,), states=1296, actions=8))
 
 
 def test_thirds_have_all_their_digits() -> None:

@@ -7,14 +7,14 @@ from collections.abc import Callable
 import torch
 
 from credit.rewards.features.tabular import Bilinear, Identity, Threshold
-from credit.rewards.linear import all_pairs
 from credit.types import Problem, Steps
 
+CPU = torch.device("cpu")
 STEPS = Steps(torch.tensor([0, 4, 5, 9]), torch.tensor([2, 0, 1, 2]), torch.tensor([0, 0, 0, 0]))
 
 
 def test_pairs_are_in_the_order_of_their_index(make_problem: Callable[..., Problem]) -> None:
-    steps = all_pairs(make_problem(states=2, actions=3))
+    steps = make_problem(states=2, actions=3).cells.steps(CPU)
     assert steps.states.tolist() == [0, 0, 0, 1, 1, 1]
     assert steps.actions.tolist() == [0, 1, 2, 0, 1, 2]
     assert steps.pairs(3).tolist() == [0, 1, 2, 3, 4, 5]
@@ -23,7 +23,7 @@ def test_pairs_are_in_the_order_of_their_index(make_problem: Callable[..., Probl
 def test_identity_has_one_feature_a_pair(make_problem: Callable[..., Problem]) -> None:
     features = Identity()
     features.start(make_problem())
-    assert torch.equal(features(all_pairs(make_problem())), torch.eye(30, dtype=torch.float64))
+    assert torch.equal(features(make_problem().cells.steps(CPU)), torch.eye(30, dtype=torch.float64))
     assert features(STEPS).argmax(-1).tolist() == [2, 12, 16, 29]
 
 

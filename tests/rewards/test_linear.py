@@ -10,7 +10,7 @@ import torch
 
 from credit.interfaces import FeatureMap
 from credit.rewards.features.tabular import Bilinear, Identity, Threshold
-from credit.rewards.linear import LinearModel, all_pairs
+from credit.rewards.linear import LinearModel
 from credit.types import Problem, Windows
 
 Make = Callable[..., Problem]
@@ -119,7 +119,7 @@ def test_leverage_and_perturbation_against_the_covariance(
     model.observe(windows, torch.ones(2, 80, 1, dtype=torch.float64))
     size = model.table.shape[1]
     columns = torch.stack([model.perturbation(unit.expand(2, -1)) for unit in torch.eye(size, dtype=torch.float64)], -1)
-    phi = features(all_pairs(problem)).numpy()
+    phi = features(problem.cells.steps(problem.device)).numpy()
     for replica in range(2):
         x = phi[(windows.states * 3 + windows.actions)[replica].numpy()].sum(1)
         covariance = phi @ np.linalg.inv(x.T @ x + 0.2 * np.eye(size)) @ phi.T

@@ -2,27 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import torch
 from torch import Tensor
 
+from credit.cells import PAIRS, Axis, Cells
 from credit.interfaces import FeatureMap
 from credit.types import FLOAT, NonNegativeInt, Problem, Steps
 
 
 class Identity(FeatureMap):
-    """One feature a pair (s, a): the tabular ridge reference (4)."""
+    """One feature a cell: the tabular ridge reference (4).
+
+    Args:
+        looks_at: what it tells apart.
+    """
 
     domain: ClassVar = "tabular"
 
+    def __init__(self, looks_at: Sequence[Axis] = PAIRS) -> None:
+        self.looks_at = looks_at
+
     def start(self, problem: Problem) -> None:
-        """Learn S and A."""
-        self._actions, self._pairs = problem.actions, problem.pairs
+        """Learn the sizes."""
+        self._cells = Cells.over(self.looks_at, problem.window, problem.states, problem.actions)
 
     def __call__(self, steps: Steps) -> Tensor:
-        """One-hot vectors [..., S·A]."""
-        return torch.nn.functional.one_hot(steps.pairs(self._actions), self._pairs).to(FLOAT)
+        """One-hot vectors [..., cells]."""
+        return torch.nn.functional.one_hot(self._cells.index(steps), self._cells.count).to(FLOAT)
 
 
 class Bilinear(FeatureMap):

@@ -1,0 +1,163 @@
+"""What a learner believes about the reward at the end, as maps that can be drawn: cell by cell, or over two axes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from credit.errors import UserError
+from credit.report.comparison import display_name, ordered_groups
+from credit.report.runs import Runs
+from credit.report.statistics import Array
+from credit.report.text import heading
+
+MOST_CELLS = 60
+PAIRS = ("state", "action")
+Axes = Mapping[str, NDArray[np.int64]]  # name → place of every cell of a table on this axis, horizontal first
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Maps that belong together, each [vertical, horizontal]; NaN where no cell of a table falls.
+
+    Attributes:
+        title: which steps; empty where the tables do not depend on the step.
+        rewards: title → truth, every reward model, the mixture.
+        weight_title: whose weight. weight: its map.
+        seen: whether any cell of a group was visited; what was not is a plain mean over its cells.
+    """
+
+    title: str
+    rewards: Mapping[str, Array]
+    weight_title: str
+    weight: Array
+    seen: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Maps:
+    """All maps of one method in one setting.
+
+    Attributes:
+        title: whose, and from which seeds.
+        axes: what the maps are drawn over, the horizontal axis first.
+        by_cell: whether each field of a map is one cell of the tables.
+        blocks: one, or two where the tables depend on the step.
+    """
+
+    title: str
+    axes: tuple[str, ...]
+    by_cell: bool
+    blocks: tuple[Block, ...]
+
+
+def recovered_maps(runs: Runs, seed: int | None = None) -> Maps | None:
+    """Truth, every reward model, the mixture and the reference's weight.
+
+    Shown is `disagreement`, or the first method that recovers a reward where it has no runs. Tables of at most 60
+    cells are averaged over seeds, cell by cell. Larger ones are averaged over the cells of all seeds that fall on one
+    field of the two axes of `recovery.npz`, weighted by visits; credit by step is split into the last step and those
+    before it.
+
+    Args:
+        runs: finished runs of one setting.
+        seed: take this seed alone; by default all seeds.
+
+    Returns:
+        The maps, or None where the runs have no recovery, or tables that are large and have no axes.
+
+    Raises:
+        UserError: the seed is not among the runs.
+    """
+    groups = sorted(ordered_groups(runs), key=lambda entry: entry[0] != "disagreement")
+    group = next((frame for _, _, frame in groups if _recovery_file(frame["folder"].iloc[0]).exists()), None)
+    if group is None:
+        return None
+    name = display_name(group)
+    if seed is not None and seed not in set(group["seed"]):
+        raise UserError(
+            f"diagnostics_seed={seed} is not among the finished seeds of {name}: "
+            f"{group['seed'].min()} to {group['seed'].max()}."
+        )
+    chosen = group if seed is None else group[group["seed"] == seed]
+    who = f"seed {chosen['seed'].iloc[0]}" if len(chosen) == 1 else f"mean over {len(chosen)} seeds"
+    setting = f" ({heading(runs)})" if runs.setting else ""
+    return _maps(f"{name}{setting}, end of training, {who}", chosen)
+
+
+def _recovery_file(folder: str) -> Path:
+    return Path(folder) / "recovery.npz"
+
+
+def _maps(title: str, chosen: pd.DataFrame) -> Maps | None:
+    stacks: dict[str, list[Array]] = {}
+    for folder in chosen["folder"]:
+        with np.load(_recovery_file(folder), allow_pickle=False) as data:
+            cells = tuple(data["cells"].tolist()) if "cells" in data else PAIRS
+            models = [str(model) for model in data["models"]]
+            keys = ["reward/true", *(f"reward/{model}" for model in models), "reward/mixed", f"weight/{models[0]}"]
+            tables = {key: np.asarray(data[key], dtype=float) for key in keys if key in data}
+            shape = tables["reward/mixed"].shape
+            if len(tables) < len(keys) or any(t.shape != shape for t in tables.values()) or len(cells) != len(shape):
+                return None
+            by_cell = tables["reward/mixed"].size <= MOST_CELLS
+            axes = _indices(cells, shape) if by_cell else {key[5:]: data[key] for key in data if key[:5] == "axis/"}
+            if not axes:
+                return None
+            tables["visits"] = np.ones(shape) if by_cell else data["visits"]
+            for key, table in tables.items():
+                stacks.setdefault(key, []).append(table)
+    tables = {key: np.stack(values) for key, values in stacks.items()}
+    blocks = tuple(_block(label, tables, models, axes, where) for label, where in _steps(cells, shape))
+    if not by_cell:
+        title += ", weighted by visits"
+        unseen = any((~block.seen & np.isfinite(block.weight)).any() for block in blocks)
+        title += "; hatched: never visited" if unseen else ""
+    return Maps(title, tuple(axes), by_cell, blocks)
+
+
+def _indices(cells: tuple[str, ...], shape: tuple[int, ...]) -> Axes:
+    """Axes of a small table: its own dimensions, but the step."""
+    places = zip(cells, np.indices(shape), strict=True)
+    return {name.replace("_", " "): place for name, place in places if name != "step"}
+
+
+def _steps(cells: tuple[str, ...], shape: tuple[int, ...]) -> list[tuple[str, NDArray[np.bool_]]]:
+    """Which cells are drawn together: the last step apart, since a label may be all its own."""
+    if "step" not in cells:
+        return [("", np.ones(shape, dtype=bool))]
+    step, last = np.indices(shape)[cells.index("step")], shape[cells.index("step")]
+    earlier = [("step 1" if last == 2 else f"steps 1–{last - 1}", step < last - 1)] if last > 1 else []
+    return [*earlier, (f"step {last}", step == last - 1)]
+
+
+def _block(title: str, tables: Mapping[str, Array], models: list[str], axes: Axes, where: NDArray[np.bool_]) -> Block:
+    columns, *rows = [np.asarray(place, dtype=np.int64) for place in axes.values()]
+    lines = rows[0] if rows else np.zeros_like(columns)
+    size = (int(lines.max()) + 1, int(columns.max()) + 1)
+    inside = {key: table[:, where] for key, table in tables.items()}
+    fields = np.broadcast_to((lines * size[1] + columns)[where], inside["visits"].shape).ravel()
+
+    def total(values: Array) -> Array:
+        sums = np.bincount(fields, values.ravel(), minlength=size[0] * size[1])
+        return np.asarray(sums, dtype=float).reshape(size)
+
+    visits = total(inside["visits"])
+
+    def mean(key: str) -> Array:
+        with np.errstate(invalid="ignore"):  # 0/0 where no cell falls, or none was visited
+            plain = total(inside[key]) / total(np.ones_like(inside[key]))
+            return np.where(visits > 0, total(inside[key] * inside["visits"]) / visits, plain)
+
+    rewards = {"True reward": mean("reward/true")}
+    for key in [*(f"reward/{model}" for model in models), "reward/mixed"]:
+        error = float(np.mean((inside[key] - inside["reward/true"]) ** 2))
+        name = key.removeprefix("reward/").replace("_", " ").capitalize()
+        rewards[f"{name} reward (MSE {error:.2g})"] = mean(key)
+    weight = f"Weight of {models[0].replace('_', ' ')}"
+    return Block(title, rewards, weight, mean(f"weight/{models[0]}"), visits > 0)

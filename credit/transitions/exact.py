@@ -1,0 +1,37 @@
+"""The true transitions: not a learner, but how much of the regret is due to an estimated P."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from torch import Tensor
+
+from credit.envs.episodic import EpisodicEnvironment
+from credit.interfaces import Environment, TransitionModel
+from credit.types import Problem, Windows
+
+
+class Exact(TransitionModel):
+    """P itself, told by the environment: an oracle for planners.
+
+    Args:
+        env: the environment.
+    """
+
+    domain: ClassVar = "tabular"
+    setting: ClassVar = "episodic"
+    needs: ClassVar = {"env": EpisodicEnvironment}
+
+    def __init__(self, env: Environment) -> None:
+        self.env = env
+
+    def start(self, problem: Problem) -> None:
+        """Nothing to learn."""
+
+    def observe(self, windows: Windows) -> None:
+        """Nothing to learn."""
+
+    def backup(self, values: Tensor) -> Tensor:
+        """Σ P(s'|s, a) v(s') [R, S, A]."""
+        assert isinstance(self.env, EpisodicEnvironment)
+        return self.env.mdp.backup(values).to(values.device)
