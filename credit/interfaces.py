@@ -20,7 +20,12 @@ from credit.dataset import Dataset
 from credit.tensors import matvec
 from credit.types import Estimate, Problem, Recovery, Steps, Windows
 
-Act = Callable[[Tensor, int], Tensor]
+# What tabular and continuous problems (`credit.continuous`) each have their own of: a component's `domain` says which.
+SomeProblem = Any  # Problem or ContinuousProblem
+SomeWindows = Any  # Windows or Trajectories
+SomeDataset = Any  # Dataset or TrajectoryDataset
+
+Act = Callable[[Tensor, int], Tensor]  # states [R] or [n, O], and the step in the window → actions [R] or [n, A]
 
 
 class Feedback(Component):
@@ -34,7 +39,7 @@ class Feedback(Component):
     additive: ClassVar[bool] = True
 
     @abstractmethod
-    def start(self, problem: Problem) -> None:
+    def start(self, problem: SomeProblem) -> None:
         """Make the noise streams of R replicas."""
 
     @abstractmethod
@@ -51,7 +56,7 @@ class Oracle(Protocol):
     def update(self, primitive: Tensor, labels: Tensor | None, optimizer: Optimizer) -> None:
         """Count windows with rewards r [R, K, T] and labels [R, K] (None for a window that was cut short)."""
 
-    def metrics(self, policies: dict[str, Tensor], recovery: Recovery | None) -> dict[str, Tensor]:
+    def metrics(self, policies: dict[str, Any], recovery: Recovery | None) -> dict[str, Tensor]:
         """Metric → [R]."""
 
 
@@ -59,23 +64,27 @@ class Environment(Component):
     """Where steps happen. Its primitive reward reaches the feedback and, for metrics only, the trainer."""
 
     @abstractmethod
-    def problem(self, window: int, seeds: tuple[int, ...], device: Any) -> Problem:
+    def problem(self, window: int, seeds: tuple[int, ...], device: Any) -> SomeProblem:
         """What a learner may know."""
 
     @abstractmethod
-    def start(self, problem: Problem) -> None:
+    def start(self, problem: SomeProblem) -> None:
         """Put R replicas into their initial states."""
 
     @abstractmethod
-    def collect(self, act: Act, feedback: Feedback, windows: int, steps: int) -> tuple[Windows, Tensor]:
+    def collect(self, act: Act, feedback: Feedback, windows: int, steps: int) -> tuple[SomeWindows, Tensor]:
         """Run `act` for some windows of `steps` steps; return labelled windows and, for metrics, r [R, K, T]."""
+
+    def demonstrations(self) -> SomeWindows | None:
+        """Labelled windows that every method starts from; none by default."""
+        return None
 
     def summary(self, cells: Cells) -> dict[str, Tensor]:
         """Two small axes, name → whole numbers [N], over which a table too large to draw is averaged; or none."""
         return {}
 
     @abstractmethod
-    def oracle(self, problem: Problem, feedback: Feedback) -> Oracle:
+    def oracle(self, problem: SomeProblem, feedback: Feedback) -> Oracle:
         """The metrics that compare a learner with the truth, for the objective that the feedback shows."""
 
 
@@ -89,7 +98,7 @@ class FeatureMap(Component):
     looks_at: Collection[Axis] = PAIRS
 
     @abstractmethod
-    def start(self, problem: Problem) -> None:
+    def start(self, problem: SomeProblem) -> None:
         """Learn the sizes."""
 
     @abstractmethod
@@ -102,10 +111,18 @@ class RewardModel(Component):
 
     Attributes:
         name: its name in metrics, files and figures.
-        looks_at: the axes that it reads; the pseudo-reward is a table over those of all models.
     """
 
     name: str
+
+
+class CellModel(RewardModel):
+    """A reward model of tabular problems: a table, with B draws of it.
+
+    Attributes:
+        looks_at: the axes that it reads; the pseudo-reward is a table over those of all models.
+    """
+
     looks_at: Collection[Axis] = PAIRS
 
     @abstractmethod
@@ -129,7 +146,7 @@ class RewardModel(Component):
         return torch.arange(problem.cells.count, device=problem.device)
 
 
-class RidgeModel(RewardModel):
+class RidgeModel(CellModel):
     """A reward model with the confidence set of ridge regression."""
 
     @abstractmethod
@@ -138,7 +155,11 @@ class RidgeModel(RewardModel):
 
 
 class Uncertainty(Component):
-    """How the draws of all models are made, and the variance of each model."""
+    """How far a fit can be trusted."""
+
+
+class CellUncertainty(Uncertainty):
+    """How the draws of all tables are made, and the variance of each model."""
 
     draws: int
 
@@ -147,11 +168,11 @@ class Uncertainty(Component):
         """Make the streams of R replicas."""
 
     @abstractmethod
-    def observe(self, models: list[RewardModel], dataset: Dataset) -> None:
+    def observe(self, models: list[CellModel], dataset: Dataset) -> None:
         """Show the newest windows to every model, all with the same weights."""
 
     @abstractmethod
-    def variance(self, model: RewardModel, estimate: Estimate) -> Tensor:
+    def variance(self, model: CellModel, estimate: Estimate) -> Tensor:
         """Var̂ r̂(s, a) [R, N] of one model."""
 
     @abstractmethod
@@ -192,7 +213,7 @@ class Mixer(Component):
 class Bonus(Component):
     """What optimism adds to the mixed reward."""
 
-    def start(self, problem: Problem) -> None:
+    def start(self, problem: SomeProblem) -> None:
         """Make streams, where the bonus is random."""
 
     @abstractmethod
@@ -204,15 +225,15 @@ class CreditAssigner(Component):
     """Windows → one reward per step: a redistribution, or recovery with reward models."""
 
     @abstractmethod
-    def start(self, problem: Problem) -> None:
+    def start(self, problem: SomeProblem) -> None:
         """Make the state of R replicas."""
 
     @abstractmethod
-    def observe(self, dataset: Dataset) -> None:
+    def observe(self, dataset: SomeDataset) -> None:
         """Take in the newest windows."""
 
     @abstractmethod
-    def rewards(self, windows: Windows) -> Tensor:
+    def rewards(self, windows: SomeWindows) -> Tensor:
         """The pseudo-reward [R, K, T] of every step."""
 
 
@@ -257,7 +278,7 @@ class Optimizer(Component):
     """The policy optimizer that consumes relabelled rewards."""
 
     @abstractmethod
-    def start(self, problem: Problem) -> None:
+    def start(self, problem: SomeProblem) -> None:
         """Make the policies of R replicas."""
 
     @abstractmethod
@@ -265,12 +286,15 @@ class Optimizer(Component):
         """Actions [R] in states [R] at a step of the window."""
 
     @abstractmethod
-    def improve(self, dataset: Dataset, assigner: CreditAssigner) -> None:
+    def improve(self, dataset: SomeDataset, assigner: CreditAssigner) -> None:
         """Learn from the newest windows, or plan with what is believed."""
 
     @abstractmethod
-    def policies(self) -> dict[str, Tensor]:
-        """`behaviour` and, where there is one without bonus, `greedy`: actions [R, S], or [R, T, S] by step."""
+    def policies(self) -> dict[str, Any]:
+        """`behaviour` and, where there is one without bonus, `greedy`: actions [R, S], or [R, T, S] by step.
+
+        In continuous problems functions like `act`, without its noise: `behaviour`, and others that are evaluated too.
+        """
 
     def executed(self) -> Tensor:
         """What `act` follows now, for episodic problems: actions [R, T, S], or probabilities [R, T, S, A]."""

@@ -30,8 +30,24 @@ FLOAT = torch.float64
 Credit = Literal["every_step", "last_step"]  # a hypothesis: which steps of a window share its label
 
 
+class Replicas:
+    """R seeds side by side on a device."""
+
+    seeds: tuple[int, ...]
+    device: torch.device
+
+    @property
+    def replicas(self) -> int:
+        """R."""
+        return len(self.seeds)
+
+    def zeros(self, *shape: int) -> Tensor:
+        """A float64 tensor of zeros [R, *shape]."""
+        return torch.zeros(self.replicas, *shape, dtype=FLOAT, device=self.device)
+
+
 @dataclass(frozen=True)
-class Problem:
+class Problem(Replicas):
     """What a learner may know before its first step: sizes and the window, never P or r.
 
     Attributes:
@@ -56,18 +72,9 @@ class Problem:
         return Cells.over(self.axes, self.window, self.states, self.actions)
 
     @property
-    def replicas(self) -> int:
-        """R."""
-        return len(self.seeds)
-
-    @property
     def pairs(self) -> int:
         """S·A."""
         return self.states * self.actions
-
-    def zeros(self, *shape: int) -> Tensor:
-        """A float64 tensor of zeros [R, *shape]."""
-        return torch.zeros(self.replicas, *shape, dtype=FLOAT, device=self.device)
 
 
 @dataclass(frozen=True)
@@ -81,6 +88,20 @@ class Windows(Steps):
 
     labels: Tensor
     primitive: Tensor | None = None
+
+    @property
+    def lengths(self) -> int:
+        """T."""
+        return self.states.shape[-1]
+
+    @property
+    def final(self) -> Tensor:
+        """Whether a step is the last of its window, [R, K, T]."""
+        return self.times == self.lengths - 1
+
+    def to_steps(self, values: Tensor) -> Tensor:
+        """What a window has [R, K], for each of its steps [R, K, T]."""
+        return values.unsqueeze(-1).expand(self.states.shape)
 
 
 @dataclass(frozen=True)

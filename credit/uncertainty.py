@@ -9,14 +9,14 @@ import torch
 from torch import Tensor
 
 from credit.dataset import Dataset
-from credit.interfaces import RewardModel, Uncertainty
+from credit.interfaces import CellModel, CellUncertainty
 from credit.rewards.linear import LinearModel
 from credit.streams import Stream, generators
 from credit.tensors import by_replica, grown
 from credit.types import FLOAT, Estimate, NonNegative, NonNegativeInt, Positive, PositiveInt, Problem
 
 
-class Bootstrap(Uncertainty):
+class Bootstrap(CellUncertainty):
     """Bootstrap over windows: B refits of every model on the same resampled windows (9)–(11).
 
     `poisson` gives each window, when it arrives, a Poisson(1) weight per draw and never touches it again: the online
@@ -55,7 +55,7 @@ class Bootstrap(Uncertainty):
         self._outside = problem.zeros(256, self.draws) > 0  # whether a window has weight 0 in a draw [R, ≥ K, B]
         self._generators = generators(problem.seeds, "bootstrap/exact")
 
-    def observe(self, models: list[RewardModel], dataset: Dataset) -> None:
+    def observe(self, models: list[CellModel], dataset: Dataset) -> None:
         """Weights for the newest windows (poisson) or for all of them (exact), the same for every model."""
         exact = self.resample == "exact"
         windows = dataset.windows if exact else dataset.new
@@ -67,7 +67,7 @@ class Bootstrap(Uncertainty):
         for model in models:
             (model.refit if exact else model.observe)(windows, weights)
 
-    def variance(self, model: RewardModel, estimate: Estimate) -> Tensor:
+    def variance(self, model: CellModel, estimate: Estimate) -> Tensor:
         """Variance over the draws (10)."""
         return by_replica(self._variance, estimate.draws)
 
@@ -111,7 +111,7 @@ class Bootstrap(Uncertainty):
         return torch.as_tensor(np.concatenate([ones, drawn], axis=-1), dtype=FLOAT, device=self._problem.device)
 
 
-class Analytic(Uncertainty):
+class Analytic(CellUncertainty):
     """The variance of ridge regression, σ²·φᵀV⁻¹φ, and the point gap (7); no refits.
 
     Args:
@@ -128,13 +128,13 @@ class Analytic(Uncertainty):
         """Remember the shape of the weights."""
         self._problem = problem
 
-    def observe(self, models: list[RewardModel], dataset: Dataset) -> None:
+    def observe(self, models: list[CellModel], dataset: Dataset) -> None:
         """Show the newest windows, each with weight one."""
         ones = torch.ones(*dataset.new.labels.shape, 1, dtype=FLOAT, device=self._problem.device)
         for model in models:
             model.observe(dataset.new, ones)
 
-    def variance(self, model: RewardModel, estimate: Estimate) -> Tensor:
+    def variance(self, model: CellModel, estimate: Estimate) -> Tensor:
         """σ²·φᵀV⁻¹φ [R, N]."""
         assert isinstance(model, LinearModel)
         return self.noise**2 * model.leverage()

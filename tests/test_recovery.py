@@ -14,7 +14,7 @@ from credit.bench import naive
 from credit.bonuses import Count, Disagreement, LocalMSE
 from credit.dataset import Dataset
 from credit.errors import UserError
-from credit.interfaces import RewardModel
+from credit.interfaces import CellModel
 from credit.mixers import RelativeMSE
 from credit.recovery import RewardRecovery
 from credit.rewards.features.tabular import Bilinear, Identity, Threshold
@@ -30,7 +30,7 @@ def tensor(values: Any) -> torch.Tensor:
     return torch.tensor(values, dtype=torch.float64)
 
 
-class Fixed(RewardModel):
+class Fixed(CellModel):
     """Predicts what it is told, whatever it sees."""
 
     def __init__(self, name: str, mean: list[float], draws: list[list[float]]) -> None:

@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 
 from credit.cells import Axis
 from credit.dataset import Dataset
-from credit.interfaces import RewardModel
+from credit.interfaces import CellModel
 from credit.mixers import Stacking, stacked_weights
 from credit.rewards.features.tabular import Bilinear, Identity, Threshold
 from credit.rewards.linear import LinearModel
@@ -92,7 +92,7 @@ def test_every_cell_has_the_same_weights_whatever_the_proxies_are() -> None:
     assert torch.equal(weights, stacked_weights(errors).unsqueeze(-1).repeat(1, 1, 7))
 
 
-class Spy(RewardModel):
+class Spy(CellModel):
     """Remembers the weights that it is shown."""
 
     def __init__(self) -> None:

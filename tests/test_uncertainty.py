@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from credit.dataset import Dataset
-from credit.interfaces import RewardModel
+from credit.interfaces import CellModel
 from credit.rewards.features.tabular import Bilinear, Identity, Threshold
 from credit.rewards.linear import LinearModel
 from credit.types import Estimate, Problem, Windows
@@ -23,7 +23,7 @@ def tensor(values: Any) -> torch.Tensor:
     return torch.tensor(values, dtype=torch.float64)
 
 
-class Spy(RewardModel):
+class Spy(CellModel):
     """Remembers the weights that it is shown."""
 
     def __init__(self) -> None:
@@ -125,7 +125,7 @@ def test_poisson_and_exact_resampling_agree_in_distribution(make_problem: Make, 
     for resample in ("poisson", "exact"):
         bootstrap = Bootstrap(3000, resample=resample)  # type: ignore[arg-type]
         bootstrap.start(problem)
-        models: list[RewardModel] = [LinearModel("cells", Threshold(), 0.1), LinearModel("linear", Bilinear(), 0.1)]
+        models: list[CellModel] = [LinearModel("cells", Threshold(), 0.1), LinearModel("linear", Bilinear(), 0.1)]
         for model in models:
             model.start(problem, 3000)
         bootstrap.observe(models, dataset)
@@ -144,7 +144,7 @@ def test_models_that_are_the_same_never_disagree(make_problem: Make, make_window
     problem = make_problem((0, 1))
     dataset = Dataset(problem, 4)
     dataset.append(make_windows(problem, 40))
-    models: list[RewardModel] = [LinearModel("a", Identity(), 0.1), LinearModel("b", Identity(), 0.1)]
+    models: list[CellModel] = [LinearModel("a", Identity(), 0.1), LinearModel("b", Identity(), 0.1)]
     bootstrap = Bootstrap(8)
     bootstrap.start(problem)
     for model in models:

@@ -2,35 +2,32 @@
 
 from __future__ import annotations
 
-import torch
 from torch import Tensor
 
-from credit.dataset import Dataset
-from credit.interfaces import CreditAssigner
-from credit.types import Problem, Windows
+from credit.interfaces import CreditAssigner, SomeDataset, SomeProblem, SomeWindows
 
 
 class _Rule(CreditAssigner):
-    def start(self, problem: Problem) -> None:
+    def start(self, problem: SomeProblem) -> None:
         """A rule has no state."""
 
-    def observe(self, dataset: Dataset) -> None:
+    def observe(self, dataset: SomeDataset) -> None:
         """A rule does not learn."""
 
 
 class Delayed(_Rule):
     """The whole label on the last step, zero before it (29)."""
 
-    def rewards(self, windows: Windows) -> Tensor:
+    def rewards(self, windows: SomeWindows) -> Tensor:
         """(0, …, 0, Y) for every window."""
-        rewards = torch.zeros_like(windows.states, dtype=windows.labels.dtype)
-        rewards[..., -1] = windows.labels
+        rewards: Tensor = windows.to_steps(windows.labels) * windows.final
         return rewards
 
 
 class Uniform(_Rule):
     """The label in equal parts, Y/T on every step (the redistribution of IRCR)."""
 
-    def rewards(self, windows: Windows) -> Tensor:
+    def rewards(self, windows: SomeWindows) -> Tensor:
         """(Y/T, …, Y/T) for every window."""
-        return (windows.labels / windows.states.shape[-1]).unsqueeze(-1).expand(windows.states.shape)
+        rewards: Tensor = windows.to_steps(windows.labels / windows.lengths)
+        return rewards

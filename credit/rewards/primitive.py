@@ -9,11 +9,11 @@ import torch
 from torch import Tensor
 
 from credit.cells import PAIRS, Axis, Cells
-from credit.interfaces import RewardModel
+from credit.interfaces import CellModel
 from credit.types import FLOAT, Estimate, Problem, Windows
 
 
-class PrimitiveReward(RewardModel):
+class PrimitiveReward(CellModel):
     """The mean primitive reward seen in every cell, zero where none was seen: the floor for recovery methods.
 
     Args:

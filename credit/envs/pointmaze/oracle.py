@@ -1,0 +1,81 @@
+"""What a policy is worth in a maze: how often it reaches the goal, in episodes that are never learned from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from credit.cells import Cells
+from credit.continuous import ContinuousProblem
+from credit.interfaces import Act, Optimizer
+from credit.types import Recovery
+
+GOOD, BAD, LAST = 0.9, 0.6, 4  # a seed has learned at GOOD; below BAD it has lost it again; the end is LAST rounds
+
+
+class MazeOracle:
+    """Metrics of a maze: success of each policy, now, on average over the rounds, at the end, and lost again.
+
+    Args:
+        problem: sizes. episodes: of one evaluation.
+        evaluate: a policy and a number of episodes → success and length [R, episodes].
+        taken: steps of each replica so far [R].
+    """
+
+    def __init__(
+        self,
+        problem: ContinuousProblem,
+        episodes: int,
+        evaluate: Callable[[Act, int], tuple[Tensor, Tensor]],
+        taken: Callable[[], Tensor],
+    ) -> None:
+        self._problem, self._episodes, self._evaluate, self._taken = problem, episodes, evaluate, taken
+        self._labels, self._windows = problem.zeros(), 0
+        self._rounds: dict[str, list[Tensor]] = {}  # success of each policy after each round
+        self._collected = False
+
+    def truth(self, cells: Cells) -> Tensor:
+        """There is no table of true rewards."""
+        raise NotImplementedError
+
+    def update(self, primitive: Tensor, labels: Tensor | None, optimizer: Optimizer) -> None:
+        """Count trajectories with labels [R, K]."""
+        if labels is not None:
+            self._labels, self._windows = self._labels + labels.sum(1), self._windows + labels.shape[1]
+            self._collected = True
+
+    def metrics(self, policies: dict[str, Any], recovery: Recovery | None) -> dict[str, Tensor]:
+        """Metric → [R]; each call evaluates every policy anew. `return/label` is the mean since the last call."""
+        values = {"collect/steps": self._taken().clone()}
+        if self._windows:
+            values["return/label"] = self._labels / self._windows
+        self._labels, self._windows = torch.zeros_like(self._labels), 0
+        for name, policy in policies.items():
+            after = "" if name == "behaviour" else f"_{name}"
+            success, length = self._evaluate(policy, self._episodes)
+            values[f"eval/success{after}"] = success.mean(1)
+            values[f"eval/length{after}"] = length.mean(1)
+            if self._collected:
+                rounds = self._rounds.setdefault(name, [])
+                rounds.append(success.mean(1))
+                values |= {f"eval/{what}{after}": value for what, value in of_rounds(torch.stack(rounds)).items()}
+        return values
+
+
+def of_rounds(success: Tensor) -> dict[str, Tensor]:
+    """What the success rates [K, R] of K rounds come to, [R] each.
+
+    `auc`: mean over the rounds. `final`: over the last four. `learned`: rounds after the first with .9. `lost`: how
+    many of those are below .6.
+    """
+    reached = (success >= GOOD - 1e-9).cummax(0).values
+    after = torch.cat([torch.zeros_like(reached[:1]), reached[:-1]])
+    return {
+        "auc": success.mean(0),
+        "final": success[-LAST:].mean(0),
+        "learned": after.sum(0).to(success.dtype),
+        "lost": (after & (success < BAD)).sum(0).to(success.dtype),
+    }
