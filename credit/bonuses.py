@@ -7,10 +7,11 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from credit.interfaces import Bonus, RewardModel, RidgeModel
+from credit.errors import UserError
+from credit.interfaces import Bonus, RewardModel, RidgeModel, SomeProblem
 from credit.rewards.linear import LinearModel
 from credit.streams import Stream
-from credit.types import NonNegative, Positive, Problem, Recovery
+from credit.types import Belief, NonNegative, Positive, Problem, Recovery
 
 
 def shrink(visits: Tensor, lambda_visits: float) -> Tensor:
@@ -33,57 +34,73 @@ def disagreement_signal(mse: Tensor, disagreement: Tensor, best: Tensor) -> Tens
     return choices.gather(-2, best.unsqueeze(-2)).squeeze(-2).sqrt()
 
 
-class _Shrinking(Bonus):
-    """A bonus that decays with the visits, c·(…)/√(λ + N)."""
+class _Scaled(Bonus):
+    """A bonus c·(…)/√(λ + N) that decays with the visits; or, where none can be counted, one that does not."""
 
-    domain: ClassVar = "tabular"
-
-    def __init__(self, scale: NonNegative = 1.0, lambda_visits: Positive = 1.0) -> None:
+    def __init__(self, scale: NonNegative = 1.0, lambda_visits: Positive | None = 1.0) -> None:
         self.scale = scale
         self.lambda_visits = lambda_visits
 
+    def start(self, problem: SomeProblem) -> None:
+        """Refuse to decay with visits where there are none.
 
-class Count(_Shrinking):
+        Raises:
+            UserError: the problem is continuous, and λ is a number.
+        """
+        if not isinstance(problem, Problem) and self.scale and self.lambda_visits is not None:
+            raise UserError(
+                f"bonus: {type(self).__name__} with scale={self.scale} decays with visits, and where states are real "
+                "numbers there are none to count; set its scale to 0, or lambda_visits=null if it has meaning without"
+            )
+
+    def decay(self, recovery: Belief) -> Tensor | float:
+        """1/√(λ + N), or 1."""
+        if self.lambda_visits is None or not isinstance(recovery, Recovery):
+            return 1.0
+        return shrink(recovery.visits, self.lambda_visits)
+
+
+class Count(_Scaled):
     """The count bonus c/√(λ + N(s, a)) of (17) and (19).
 
     Args:
-        scale: c_base.
+        scale: c_base; 0 where visits cannot be counted.
         lambda_visits: λ added to the visits.
     """
 
     def __init__(self, scale: NonNegative = 0.35, lambda_visits: Positive = 1.0) -> None:
         super().__init__(scale, lambda_visits)
 
-    def __call__(self, recovery: Recovery, reference: RewardModel) -> Tensor:
+    def __call__(self, recovery: Belief, reference: RewardModel) -> Tensor:
         """c/√(λ + N)."""
-        return self.scale * shrink(recovery.visits, self.lambda_visits)
+        return torch.ones_like(recovery.mixed) * (self.scale * self.decay(recovery))
 
 
-class LocalMSE(_Shrinking):
+class LocalMSE(_Scaled):
     """Uncertainty of the locally best model, c·√MSE_j*/√(λ + N) (17), (31); with the reference alone it is (30).
 
     Args:
         scale: c_mse.
-        lambda_visits: λ added to the visits.
+        lambda_visits: λ added to the visits; null leaves the decay out, which makes it (33).
     """
 
-    def __call__(self, recovery: Recovery, reference: RewardModel) -> Tensor:
-        """Equation (17), last term."""
-        return self.scale * best_error(recovery.mse, recovery.best) * shrink(recovery.visits, self.lambda_visits)
+    def __call__(self, recovery: Belief, reference: RewardModel) -> Tensor:
+        """Equation (17), last term, or (33)."""
+        return self.scale * best_error(recovery.mse, recovery.best) * self.decay(recovery)
 
 
-class Disagreement(_Shrinking):
+class Disagreement(_Scaled):
     """Reference uncertainty or reference–surrogate disagreement, c·e/√(λ + N) (18), (19), (32).
 
     Args:
         scale: c_dis.
-        lambda_visits: λ added to the visits.
+        lambda_visits: λ added to the visits; null leaves the decay out, which makes it (34).
     """
 
-    def __call__(self, recovery: Recovery, reference: RewardModel) -> Tensor:
-        """Equation (19), last term."""
+    def __call__(self, recovery: Belief, reference: RewardModel) -> Tensor:
+        """Equation (19), last term, or (34)."""
         signal = disagreement_signal(recovery.mse, recovery.disagreement, recovery.best)
-        return self.scale * signal * shrink(recovery.visits, self.lambda_visits)
+        return self.scale * signal * self.decay(recovery)
 
 
 class Elliptical(Bonus):
@@ -100,7 +117,7 @@ class Elliptical(Bonus):
         self.scale = scale
         self.noise = noise
 
-    def __call__(self, recovery: Recovery, reference: RewardModel) -> Tensor:
+    def __call__(self, recovery: Belief, reference: RewardModel) -> Tensor:
         """c·σ·√(φᵀV⁻¹φ)."""
         assert isinstance(reference, RidgeModel)
         return self.scale * self.noise * reference.leverage().sqrt()
@@ -123,7 +140,7 @@ class Thompson(Bonus):
         self._problem = problem
         self._stream: Stream | None = None
 
-    def __call__(self, recovery: Recovery, reference: RewardModel) -> Tensor:
+    def __call__(self, recovery: Belief, reference: RewardModel) -> Tensor:
         """v·Φ V^{-1/2} z."""
         assert isinstance(reference, LinearModel)
         if self._stream is None:

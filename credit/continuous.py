@@ -7,7 +7,8 @@ trajectories came. The equations are the same functions, on [M, N] with N rows.
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -15,7 +16,7 @@ from torch import Tensor
 from credit.cells import Steps
 from credit.component import Component
 from credit.interfaces import FeatureMap, RewardModel, Uncertainty
-from credit.types import Replicas
+from credit.types import Belief, Replicas
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,24 @@ class Trajectories(Moves):
         return total.index_add_(0, self.replica * count + self.number, values).view(replicas, count, *values.shape[1:])
 
 
+@dataclass(frozen=True)
+class StepBelief(Belief):
+    """What is believed of the reward of rows [1, ..., N], those of all replicas.
+
+    Attributes:
+        replica: of each row [N].
+    """
+
+    replica: Tensor
+
+    def of(self, replica: int) -> StepBelief:
+        """The rows of one replica."""
+        own = self.replica == replica
+        parts = {name: getattr(self, name)[..., own] for name in ("mean", "mse", "disagreement", "weights", "best")}
+        parts |= {name: getattr(self, name)[..., own] for name in ("mixed", "plan", "replica")}
+        return replace(self, bonus={name: values[..., own] for name, values in self.bonus.items()}, **parts)
+
+
 class StepModel(RewardModel):
     """A reward model that predicts single steps, from what its feature map reads of them.
 
@@ -90,6 +109,7 @@ class StepModel(RewardModel):
         features: the feature map φ; rows of it are computed once, when their steps come.
     """
 
+    domain: ClassVar = "continuous"
     features: FeatureMap
 
     @abstractmethod
@@ -119,6 +139,8 @@ class StepModel(RewardModel):
 class Scaler(Component):
     """How a pseudo-reward is scaled and clipped before a policy optimizer sees it. It decides continuous control."""
 
+    domain: ClassVar = "continuous"
+
     @abstractmethod
     def __call__(self, rewards: Tensor) -> Tensor:
         """The scaled rewards [N] of one replica."""
@@ -126,3 +148,5 @@ class Scaler(Component):
 
 class NetworkUncertainty(Uncertainty):
     """How far a neural reward model can be trusted: decides what is trained, and how it predicts."""
+
+    domain: ClassVar = "continuous"

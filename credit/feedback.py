@@ -7,9 +7,9 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from credit.interfaces import Feedback
+from credit.interfaces import Feedback, SomeProblem
 from credit.streams import Stream
-from credit.types import NonNegative, PositiveInt, Problem
+from credit.types import NonNegative, PositiveInt
 
 
 class BlockSum(Feedback):
@@ -24,7 +24,7 @@ class BlockSum(Feedback):
         self.window = window
         self.noise = noise
 
-    def start(self, problem: Problem) -> None:
+    def start(self, problem: SomeProblem) -> None:
         """Make the noise stream."""
         self._stream = Stream(problem, "feedback", "normal", 1)
 
@@ -46,9 +46,27 @@ class Terminal(Feedback):
     def __init__(self, window: PositiveInt = 5) -> None:
         self.window = window
 
-    def start(self, problem: Problem) -> None:
+    def start(self, problem: SomeProblem) -> None:
         """There is no noise."""
 
     def __call__(self, rewards: Tensor) -> Tensor:
         """Y = r_{T−1} for every window of rewards [R, K, T]."""
         return rewards[..., -1]
+
+
+class Success(Feedback):
+    """Whether the goal was reached, one bit for a whole trajectory (27); rewards are 1 there and 0 before.
+
+    Args:
+        window: H, most steps of a trajectory.
+    """
+
+    def __init__(self, window: PositiveInt = 300) -> None:
+        self.window = window
+
+    def start(self, problem: SomeProblem) -> None:
+        """There is no noise."""
+
+    def __call__(self, rewards: Tensor) -> Tensor:
+        """Y = 1 if any reward of a trajectory [R, K, T] is positive, else 0."""
+        return (rewards > 0).any(-1).to(rewards.dtype)

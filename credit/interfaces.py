@@ -18,7 +18,7 @@ from credit.cells import PAIRS, Axis, Cells
 from credit.component import Component
 from credit.dataset import Dataset
 from credit.tensors import matvec
-from credit.types import Estimate, Problem, Recovery, Steps, Windows
+from credit.types import Belief, Estimate, Problem, Recovery, Steps, Windows
 
 # What tabular and continuous problems (`credit.continuous`) each have their own of: a component's `domain` says which.
 SomeProblem = Any  # Problem or ContinuousProblem
@@ -56,7 +56,7 @@ class Oracle(Protocol):
     def update(self, primitive: Tensor, labels: Tensor | None, optimizer: Optimizer) -> None:
         """Count windows with rewards r [R, K, T] and labels [R, K] (None for a window that was cut short)."""
 
-    def metrics(self, policies: dict[str, Any], recovery: Recovery | None) -> dict[str, Tensor]:
+    def metrics(self, policies: dict[str, Any], recovery: Belief | None) -> dict[str, Tensor]:
         """Metric → [R]."""
 
 
@@ -81,6 +81,14 @@ class Environment(Component):
 
     def summary(self, cells: Cells) -> dict[str, Tensor]:
         """Two small axes, name → whole numbers [N], over which a table too large to draw is averaged; or none."""
+        return {}
+
+    def grid(self) -> Any:
+        """Moves at which pictures look at a reward; none by default."""
+        return None
+
+    def picture(self, replica: int) -> dict[str, Any]:
+        """Name → array: what pictures of a run need beside its own trajectories; nothing by default."""
         return {}
 
     @abstractmethod
@@ -123,6 +131,7 @@ class CellModel(RewardModel):
         looks_at: the axes that it reads; the pseudo-reward is a table over those of all models.
     """
 
+    domain: ClassVar = "tabular"
     looks_at: Collection[Axis] = PAIRS
 
     @abstractmethod
@@ -160,6 +169,8 @@ class Uncertainty(Component):
 
 class CellUncertainty(Uncertainty):
     """How the draws of all tables are made, and the variance of each model."""
+
+    domain: ClassVar = "tabular"
 
     draws: int
 
@@ -217,7 +228,7 @@ class Bonus(Component):
         """Make streams, where the bonus is random."""
 
     @abstractmethod
-    def __call__(self, recovery: Recovery, reference: RewardModel) -> Tensor:
+    def __call__(self, recovery: Belief, reference: RewardModel) -> Tensor:
         """Bonus [R, N]; `recovery.bonus` and `recovery.plan` are not yet filled."""
 
 
@@ -234,7 +245,11 @@ class CreditAssigner(Component):
 
     @abstractmethod
     def rewards(self, windows: SomeWindows) -> Tensor:
-        """The pseudo-reward [R, K, T] of every step."""
+        """The pseudo-reward of every step, [R, K, T] or [N]."""
+
+    def recovery(self) -> Belief | None:
+        """What is believed about the reward, where something is."""
+        return None
 
 
 class RewardFunction(CreditAssigner):
@@ -295,6 +310,10 @@ class Optimizer(Component):
 
         In continuous problems functions like `act`, without its noise: `behaviour`, and others that are evaluated too.
         """
+
+    def diagnostics(self) -> dict[str, Tensor]:
+        """What the last improvement came to: name → [R], for the journal; nothing by default."""
+        return {}
 
     def executed(self) -> Tensor:
         """What `act` follows now, for episodic problems: actions [R, T, S], or probabilities [R, T, S, A]."""

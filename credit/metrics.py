@@ -9,7 +9,7 @@ from torch import Tensor
 
 from credit.cells import Cells
 from credit.interfaces import Optimizer
-from credit.types import FLOAT, Problem, Recovery
+from credit.types import FLOAT, Belief, Problem, Recovery
 
 
 def policy_error(policy: Tensor, optimal: Tensor, weight: Tensor | None = None) -> Tensor:
@@ -33,15 +33,21 @@ def _ranks(values: Tensor) -> Tensor:
     return torch.zeros(values.shape, dtype=FLOAT, device=values.device).scatter_(-1, order, places)
 
 
-def recovery_metrics(recovery: Recovery | None, truth: Callable[[Cells], Tensor]) -> dict[str, Tensor]:
+def recovery_metrics(recovery: Belief | None, truth: Callable[[Cells], Tensor]) -> dict[str, Tensor]:
     """How well the reward was recovered, and how far each model is trusted; nothing where nothing is recovered."""
-    if recovery is None:
+    if not isinstance(recovery, Recovery):
         return {}
     true = truth(recovery.cells)
     values = {
         "reward/mse": (recovery.mixed - true).square().mean(-1),
         "reward/rank_correlation": rank_correlation(recovery.mixed, true.expand_as(recovery.mixed)),
     }
+    return values | trust_metrics(recovery)
+
+
+def trust_metrics(recovery: Belief) -> dict[str, Tensor]:
+    """Mean weight of each model, and the share of places where it is locally best."""
+    values = {}
     for index, name in enumerate(recovery.models):
         values[f"weight/{name}"] = recovery.weights[:, index].mean(-1)
         values[f"best/{name}"] = (recovery.best == index).to(FLOAT).mean(-1)
@@ -78,7 +84,7 @@ class AverageRewardOracle:
             self._labels = self._labels + labels.sum(1)
             self._windows += labels.shape[1]
 
-    def metrics(self, policies: dict[str, Tensor], recovery: Recovery | None) -> dict[str, Tensor]:
+    def metrics(self, policies: dict[str, Tensor], recovery: Belief | None) -> dict[str, Tensor]:
         """Metric → [R]. `return/label` is the mean label since the last call."""
         values = {
             "regret/cumulative": self._regret,
@@ -135,7 +141,7 @@ class EpisodicOracle:
         self._windows += count
         self._all += count
 
-    def metrics(self, policies: dict[str, Tensor], recovery: Recovery | None) -> dict[str, Tensor]:
+    def metrics(self, policies: dict[str, Tensor], recovery: Belief | None) -> dict[str, Tensor]:
         """Metric → [R]. `return/label` is the mean label since the last call."""
         values = {
             "regret/cumulative": self._regret,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
 from typing import ClassVar
@@ -13,7 +13,7 @@ from torch import Tensor
 from credit.alike import Alike, spread
 from credit.dataset import Dataset
 from credit.errors import UserError
-from credit.interfaces import Bonus, Mixer, RewardFunction, RewardModel, Uncertainty
+from credit.interfaces import Bonus, CellModel, CellUncertainty, Mixer, RewardFunction, RewardModel
 from credit.mixers import best_model, mix
 from credit.types import Problem, Recovery, Windows
 
@@ -33,9 +33,9 @@ class RewardRecovery(RewardFunction):
 
     def __init__(
         self,
-        reference: RewardModel,
-        surrogates: Mapping[str, RewardModel],
-        uncertainty: Uncertainty,
+        reference: CellModel,
+        surrogates: Mapping[str, CellModel],
+        uncertainty: CellUncertainty,
         mixer: Mixer,
         bonus: Mapping[str, Bonus],
     ) -> None:
@@ -43,10 +43,7 @@ class RewardRecovery(RewardFunction):
         self.uncertainty = uncertainty
         self.mixer = mixer
         self.bonus = dict(bonus)
-        names = [model.name for model in self.models]
-        if len(set(names)) < len(names):
-            raise UserError(f"reward models need different names: {names}; change one `name`")
-        self.names = tuple(names)
+        self.names = names_of(self.models)
 
     def start(self, problem: Problem) -> None:
         """Empty models, no visits."""
@@ -123,3 +120,15 @@ class RewardRecovery(RewardFunction):
         )
         bonus = {name: term(recovery, self.models[0]) for name, term in self.bonus.items()}
         return replace(recovery, bonus=bonus, plan=reduce(torch.add, bonus.values(), mixed))
+
+
+def names_of(models: Sequence[RewardModel]) -> tuple[str, ...]:
+    """The names of reward models, which must differ.
+
+    Raises:
+        UserError: two have the same.
+    """
+    names = [model.name for model in models]
+    if len(set(names)) < len(names):
+        raise UserError(f"reward models need different names: {names}; change one `name`")
+    return tuple(names)

@@ -63,8 +63,13 @@ CHOICES = {  # folders that choose among the kinds, and build nothing themselves
     "method": "a credit assigner and an optimizer, by the name it has in tables",
     "experiment": "an environment, its feedback, models and horizon",
     "planner": "which optimizer recovery methods use (set by the experiment)",
+    "recovery": "what learns a reward from labels (set by the experiment)",
+    "oracle": "which reward model the oracle has (set by the experiment)",
     "learner": "which optimizer model-free methods use (set by the experiment)",
 }
+
+
+CHOSEN = ("planner", "recovery", "oracle", "learner")  # parts of an experiment, by which methods find their own
 
 
 def conf_dir() -> Path:
@@ -162,7 +167,7 @@ def plain(config: Any) -> dict[str, Any]:
     """A resolved DictConfig as plain mappings, without the folders that only choose."""
     container = OmegaConf.to_container(config, resolve=True, throw_on_missing=False)
     assert isinstance(container, dict)
-    return {str(key): value for key, value in container.items() if key not in ("hydra", "tuned", "planner", "learner")}
+    return {str(key): value for key, value in container.items() if key not in ("hydra", "tuned", *CHOSEN)}
 
 
 def options(kind: str, config_dirs: Sequence[str] = ()) -> dict[str, Path]:

@@ -15,7 +15,7 @@ import torch
 
 from credit import job as jobs
 from credit import registry, schema
-from credit.artifacts import recovery_arrays, write_arrays
+from credit.artifacts import Recorder, write_arrays
 from credit.session import JobRecord, Session, new_session_id
 from credit.tracking.journal import Journal, git_commit, versions, write_atomically, write_json, write_yaml
 from credit.trainer import Trainer
@@ -121,6 +121,7 @@ def run_job(
         return Result(job.title, folders, [], done, "FINISHED", 0.0, _final_metrics(folders))
     trainer: Trainer = schema.build(config, "trainer")
     trainer.start(tuple(todo), jobs.device(job.device))
+    recorder = Recorder(trainer)
     fresh = [parent / f"seed-{seed}" for seed in todo]
     started, cpu = time.time(), time.process_time()
     journal = Journal(fresh, started)  # before the record: whoever follows it must find no older journal
@@ -129,11 +130,15 @@ def run_job(
         write_yaml(folder / "config.yaml", {**config, "seed": seed, "replicas": 1, "rerun": False})
     status, error = "KILLED", None
     try:
-        trainer.run(
-            lambda step, values: journal.log(step, {name: column.tolist() for name, column in values.items()}),
-            lambda steps: progress(job.title, steps, trainer.steps) if progress else None,
-        )
-        _write_beliefs(trainer, fresh)
+
+        def note(step: int, values: dict[str, torch.Tensor]) -> None:
+            journal.log(step, {name: column.tolist() for name, column in values.items()})
+            recorder.note(step)
+
+        trainer.run(note, lambda steps: progress(job.title, steps, trainer.steps) if progress else None)
+        for index, folder in enumerate(fresh):
+            for name, arrays in recorder.files(index).items():
+                write_arrays(folder / name, arrays)
         status = "FINISHED"
     except Exception as failure:  # a component may raise anything; the job says so, and a sweep goes on
         status, error = "FAILED", f"{type(failure).__name__}: {failure}"
@@ -192,14 +197,3 @@ def _final_metrics(folders: Sequence[Path]) -> dict[str, np.ndarray]:
     last = [json.loads((folder / "summary.json").read_text(encoding="utf-8"))["metrics"] for folder in finished]
     names = dict.fromkeys(name for metrics in last for name in metrics)
     return {name: np.array([metrics.get(name) for metrics in last], dtype=float) for name in names}
-
-
-def _write_beliefs(trainer: Trainer, folders: list[Path]) -> None:
-    recovery = trainer.recovery()
-    if recovery is None:
-        return
-    policy = trainer.optimizer.policies()["behaviour"]
-    truth, summary = trainer.oracle.truth(recovery.cells), trainer.env.summary(recovery.cells)
-    for index, folder in enumerate(folders):
-        arrays = recovery_arrays(index, trainer.dataset, recovery, truth, policy, summary)
-        write_arrays(folder / "recovery.npz", arrays)

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from credit.types import Problem
+from credit.types import Replicas
 
 Kind = Literal["uniform", "normal", "poisson"]
 
@@ -36,7 +36,7 @@ class Stream:
 
     CHUNK = 2**13  # numbers drawn at once for a replica: a generator call costs more than a number
 
-    def __init__(self, problem: Problem, purpose: str, kind: Kind, width: int) -> None:
+    def __init__(self, problem: Replicas, purpose: str, kind: Kind, width: int) -> None:
         self._generators = generators(problem.seeds, purpose)
         self._kind = kind
         self._width = width

@@ -9,11 +9,20 @@ import torch
 from torch import Tensor
 
 from credit.component import Component
-from credit.dataset import Dataset
+from credit.dataset import Dataset, TrajectoryDataset
 from credit.errors import RunError, UserError
-from credit.interfaces import CreditAssigner, Environment, Feedback, Optimizer, Oracle, RewardFunction
+from credit.interfaces import (
+    CreditAssigner,
+    Environment,
+    Feedback,
+    Optimizer,
+    Oracle,
+    SomeDataset,
+    SomeProblem,
+    SomeWindows,
+)
 from credit.optimizers.random import Random
-from credit.types import NonNegativeInt, PositiveInt, Problem, Recovery, Windows
+from credit.types import Belief, NonNegativeInt, PositiveInt, Problem
 
 Log = Callable[[int, dict[str, Tensor]], None]
 
@@ -26,7 +35,8 @@ class Trainer(Component):
         feedback: what a label is.
         assigner: windows → one reward per step.
         optimizer: rewards → policy.
-        steps: primitive steps a run; a last window that they cut short gives no label and is not learned from.
+        steps: primitive steps a run; a last window that they cut short gives no label and is not learned from. Where
+            trajectories may end early, each counts for its longest.
         windows_per_round: windows collected between two refits.
         first_windows: windows at the start that are collected in rounds of their own size,
         first_windows_per_round: which is this.
@@ -75,50 +85,61 @@ class Trainer(Component):
                     f"trainer.{key}={getattr(self, key)}: more than the {whole} windows of the whole run "
                     f"(trainer.steps={self.steps}, feedback.window={window}); take at most {whole}, or more steps"
                 )
-        self.problem: Problem = self.env.problem(window, seeds, device)
+        self.problem: SomeProblem = self.env.problem(window, seeds, device)
+        tabular = isinstance(self.problem, Problem)
+        if self.steps % window and not tabular:
+            raise UserError(
+                f"trainer.steps={self.steps}: trajectories cannot be cut short; take a multiple of feedback.window="
+                f"{window}, like {max(whole, 1) * window}"
+            )
         for part in (self.env, self.feedback, self.assigner, self.optimizer, self._explorer):
             part.start(self.problem)
         self.oracle: Oracle = self.env.oracle(self.problem, self.feedback)
-        self.dataset = Dataset(self.problem, self.steps // window)
+        self.dataset: SomeDataset = Dataset(self.problem, whole) if tabular else TrajectoryDataset(self.problem)
         self._shows_primitive = any(model.sees_primitive for model in getattr(self.assigner, "models", ()))
+        self.collected = 0  # windows of each replica, without demonstrations
 
     def run(self, log: Log, progress: Callable[[int], None] = lambda steps: None) -> None:
         """Take all steps.
 
         Args:
-            log: called with the step and the metrics [R] every `log_every` windows and at the end.
+            log: called with the step and the metrics [R] every `log_every` windows and at the end, and at the start
+                where there are demonstrations.
             progress: called with the number of steps taken so far.
 
         Raises:
-            RunError: a label is NaN or infinite.
+            RunError: a label is NaN or infinite, or a network is.
         """
         whole, rest = divmod(self.steps, self.problem.window)
-        done = 0
-        while done < whole:
-            windows = self._collect(min(self._round(done), whole - done))
-            self.dataset.append(windows)
-            self.assigner.observe(self.dataset)
-            self.optimizer.improve(self.dataset, self.assigner)
-            before, done = done, len(self.dataset)
-            progress(done * self.problem.window)
-            if done // self.log_every > before // self.log_every and (done < whole or rest):
-                log(done * self.problem.window, self.metrics())
+        demonstrations = self.env.demonstrations()
+        if demonstrations is not None:
+            self._learn(demonstrations)
+            log(0, self.metrics())
+        while self.collected < whole:
+            before, count = self.collected, min(self._round(self.collected), whole - self.collected)
+            windows = self._collect(count)
+            self.collected += count
+            self._learn(windows)
+            progress(self.collected * self.problem.window)
+            if self.collected // self.log_every > before // self.log_every and (self.collected < whole or rest):
+                log(self.collected * self.problem.window, self.metrics())
         if rest:
-            _, primitive = self.env.collect(self._actor(done).act, self.feedback, 1, rest)
-            self.oracle.update(primitive, None, self._actor(done))
+            _, primitive = self.env.collect(self._actor().act, self.feedback, 1, rest)
+            self.oracle.update(primitive, None, self._actor())
         progress(self.steps)
         log(self.steps, self.metrics())
 
     def metrics(self) -> dict[str, Tensor]:
-        """Metric → [R], judged by the oracle."""
-        return self.oracle.metrics(self.optimizer.policies(), self.recovery())
+        """Metric → [R], judged by the oracle, and what the optimizer says of itself."""
+        own = {f"optimizer/{name}": value for name, value in self.optimizer.diagnostics().items()}
+        return self.oracle.metrics(self.optimizer.policies(), self.recovery()) | own
 
-    def recovery(self) -> Recovery | None:
+    def recovery(self) -> Belief | None:
         """What is believed about the reward, where the assigner believes something."""
-        return self.assigner.recovery() if isinstance(self.assigner, RewardFunction) else None
+        return self.assigner.recovery()
 
-    def _actor(self, done: int) -> Optimizer:
-        return self._explorer if done < self.random_windows else self.optimizer
+    def _actor(self) -> Optimizer:
+        return self._explorer if self.collected < self.random_windows else self.optimizer
 
     def _round(self, done: int) -> int:
         """How many windows come before the next refit; a round crosses neither border."""
@@ -126,15 +147,20 @@ class Trainer(Component):
         ends = [end - done for end in (self.first_windows, self.random_windows) if end > done]
         return min([size, *ends])
 
-    def _collect(self, count: int) -> Windows:
-        actor = self._actor(len(self.dataset))
+    def _collect(self, count: int) -> SomeWindows:
+        actor = self._actor()
         windows, primitive = self.env.collect(actor.act, self.feedback, count, self.problem.window)
         finite = torch.isfinite(windows.labels)
         if not finite.all():
             replica, k = (int(i) for i in (~finite).nonzero()[0])
             raise RunError(
-                f"window {len(self.dataset) + k} of seed {self.problem.seeds[replica]} has the label "
+                f"window {self.collected + k} of seed {self.problem.seeds[replica]} has the label "
                 f"{float(windows.labels[replica, k])}: labels must be finite; look at env's reward and at feedback"
             )
         self.oracle.update(primitive, windows.labels, actor)
         return replace(windows, primitive=primitive) if self._shows_primitive else windows
+
+    def _learn(self, windows: SomeWindows) -> None:
+        self.dataset.append(windows)
+        self.assigner.observe(self.dataset)
+        self.optimizer.improve(self.dataset, self.assigner)

@@ -113,15 +113,14 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class Recovery:
+class Belief:
     """What the learner believes about the reward, equations (9)–(19), reference first among the models.
 
     Attributes:
         models: M names. mean: [R, M, N] fitted r̂_j. draws: [R, B, N] of each model. mse: [R, M, N] proxies (10), (11).
         disagreement: [R, M−1, N] Δ̂² of each surrogate (9). weights: [R, M, N] (14).
         best: [R, N] index of the locally best model (16). mixed: [R, N] (15).
-        bonus: name → [R, N]. plan: [R, N] mixed + bonuses (17), (19). visits: [R, N] counts N(s, a).
-        cells: what the N are. column: where the draws have each cell [R, N], if only some that stand for all are kept.
+        bonus: name → [R, N]. plan: [R, N] mixed + bonuses (17), (19).
     """
 
     models: tuple[str, ...]
@@ -134,6 +133,17 @@ class Recovery:
     mixed: Tensor
     bonus: dict[str, Tensor]
     plan: Tensor
+
+
+@dataclass(frozen=True)
+class Recovery(Belief):
+    """What is believed of a table of rewards.
+
+    Attributes:
+        visits: [R, N] counts N(s, a). cells: what the N are.
+        column: where the draws have each cell [R, N], if only some that stand for all are kept.
+    """
+
     visits: Tensor
     cells: Cells
     column: Tensor | None = None

@@ -19,7 +19,7 @@ from credit.envs.pointmaze.collector import RoundCollector
 from credit.envs.pointmaze.env import PointMazeEnv
 from credit.envs.pointmaze.maze import Maze
 from credit.envs.pointmaze.task import Task
-from credit.optimizers.sac.learner import SAC
+from credit.optimizers.sac.learner import Learner
 from credit.optimizers.sac.networks import extract_actor
 
 PLAIN: dict[str, Any] = {"layer_norm": False, "policy_delay": 1, "n_step": 1, "success_share": 0, "target_clip": False}
@@ -76,21 +76,21 @@ def side_by_side(rounds: int = 8) -> list[Row]:
 
 def learner(seeds: Sequence[int], **keys: Any) -> Callable[[], object]:
     """Our updates on the rows that the others get."""
-    sac = SAC(learning_rate=peers.RATE, **keys)
-    sac.start(4, 2, tuple(seeds))
+    sac = Learner(learning_rate=peers.RATE, **keys)
+    sac.make(4, 2, tuple(seeds))
     replay = sac.replay(len(seeds) * peers.ROWS)
     rows = peers.transitions()
     for r in range(len(seeds)):
         replay.extend(rows, torch.full((peers.ROWS,), r))
-    return partial(sac.improve, replay, peers.UPDATES)
+    return partial(sac.fit, replay, peers.UPDATES)
 
 
 def collection(rounds: int = 4) -> list[Row]:
     """Environment steps a second with a 256×256 actor in the loop, on PointMaze Medium."""
     gymnasium.register_envs(gymnasium_robotics)
     task = Task(Maze.of("Medium"), (1, 1), (6, 6), FRAMES)
-    sac = SAC(width=peers.WIDTH)
-    sac.start(4, 2, (0,))
+    sac = Learner(width=peers.WIDTH)
+    sac.make(4, 2, (0,))
     frames: dict[str, int] = {"TorchRL": FRAMES, "Gymnasium": FRAMES}
     works = {"TorchRL": stock_collector(sac), "Gymnasium": plain_loop(sac)}
     for balls in (5, 20):
@@ -116,7 +116,7 @@ def gym_maze() -> gymnasium.Env:
     return gymnasium.make("PointMaze_Medium-v3", continuing_task=False, max_episode_steps=FRAMES)
 
 
-def stock_collector(sac: SAC) -> Callable[[], object]:
+def stock_collector(sac: Learner) -> Callable[[], object]:
     """TorchRL's collector on one wrapped environment."""
     env = TransformedEnv(GymWrapper(gym_maze()), DoubleToFloat(in_keys=["observation"]))
     actor = extract_actor(sac.actor, 0)
@@ -124,7 +124,7 @@ def stock_collector(sac: SAC) -> Callable[[], object]:
     return partial(next, iter(collector))
 
 
-def plain_loop(sac: SAC) -> Callable[[], object]:
+def plain_loop(sac: Learner) -> Callable[[], object]:
     """One environment, one forward pass a step, rows in a list."""
     env = gym_maze()
     network = extract_actor(sac.actor, 0)[0].module

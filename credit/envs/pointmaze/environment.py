@@ -6,24 +6,25 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
+import numpy as np
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
 from credit.continuous import ContinuousProblem, Moves, Trajectories
 from credit.envs.pointmaze import minari
-from credit.envs.pointmaze.collector import RoundCollector
 from credit.envs.pointmaze.demonstrations import Demonstrations, describe, make
-from credit.envs.pointmaze.env import PointMazeEnv
 from credit.envs.pointmaze.geometry import Geometry
 from credit.envs.pointmaze.maze import Cell, Maze
 from credit.envs.pointmaze.oracle import MazeOracle
+from credit.envs.pointmaze.rounds import Round, Rounds, trajectories
 from credit.envs.pointmaze.task import Task
 from credit.errors import UserError
 from credit.interfaces import Act, Environment, Feedback
 from credit.types import FLOAT, NonNegativeInt, Positive, PositiveInt
 
 OBSERVATIONS, ACTIONS = 4, 2
+PARTS = ("states", "lengths", "labels")  # of trajectories in a picture
 
 
 class PointMaze(Environment):
@@ -100,7 +101,9 @@ class PointMaze(Environment):
         if one_sided and self.one_sided == "stop":
             known = self._read or make(self._task, self.successes, self.partials, self.failures)
             raise UserError(f"env.one_sided=stop: {describe(known)} one_sided=go_on trains nevertheless")
-        self._collectors: dict[int, _Collecting] = {}
+        self._rounds: dict[int, Rounds] = {}  # K → what collects K trajectories of each replica
+        self._evaluation = Rounds(self._task, problem, self.evaluation_episodes, "evaluation")
+        self._evaluated: Round | None = None
         self.taken = problem.zeros()
 
     def demonstrations(self) -> Trajectories | None:
@@ -108,11 +111,11 @@ class PointMaze(Environment):
         drawn = [self.demonstrations_of(seed) for seed in self._problem.seeds]
         if not len(drawn[0]):
             return None
-        rows = torch.cat([one.rows() for one in drawn])
+        rows: TensorDictBase = torch.cat([one.rows() for one in drawn])
         counts = torch.tensor([len(one.states) for one in drawn])
         replica = torch.arange(len(drawn)).repeat_interleave(counts)
         labels = torch.stack([torch.from_numpy(one.labels).to(FLOAT) for one in drawn])
-        return self._trajectories(rows, replica, rows["collector", "traj_ids"], labels)
+        return trajectories(rows, replica, rows["collector", "traj_ids"], labels.to(self._problem.device))
 
     def demonstrations_of(self, seed: int) -> Demonstrations:
         """The demonstrations of one run."""
@@ -120,22 +123,20 @@ class PointMaze(Environment):
 
     def collect(self, act: Act, feedback: Feedback, windows: int, steps: int) -> tuple[Trajectories, Tensor]:
         """Some whole trajectories of each replica, and their primitive rewards [N]; the feedback sees 1 at the goal."""
-        replicas = self._problem.replicas
-        if windows not in self._collectors:
-            self._collectors[windows] = _Collecting(self, windows, f"environment {windows}")
-        rows, ball = self._collectors[windows].round(act)
-        replica, number = ball // windows, ball % windows
-        before = torch.nn.functional.pad(torch.bincount(ball, minlength=replicas * windows).cumsum(0)[:-1], (1, 0))
-        at_goal = torch.zeros(replicas, windows, steps, dtype=FLOAT)
-        at_goal[replica, number, torch.arange(len(ball)) - before[ball]] = rows["next", "success"][:, 0].to(FLOAT)
-        self.taken += torch.bincount(replica, minlength=replicas).to(self.taken)
-        primitive = rows["next", "reward"][:, 0].to(self._problem.device, FLOAT)
-        primitive = primitive * torch.nan if self.poison else primitive
-        return self._trajectories(rows, replica, number, feedback(at_goal.to(self._problem.device))), primitive
+        if windows not in self._rounds:
+            purpose = f"environment, {windows} at once"
+            self._rounds[windows] = Rounds(self._task, self._problem, windows, purpose, self.primitive)
+        taken, device = self._rounds[windows].run(act), self._problem.device
+        self.taken += taken.lengths.sum(1).to(self.taken)
+        labels = feedback(taken.at_goal(steps).to(device))
+        primitive = taken.primitive.to(device)
+        return trajectories(taken.rows, taken.replica, taken.number, labels), (
+            primitive * torch.nan if self.poison else primitive
+        )
 
     def oracle(self, problem: ContinuousProblem, feedback: Feedback) -> MazeOracle:
         """Success of the policies in episodes of their own, with noise of their own."""
-        return MazeOracle(problem, self.evaluation_episodes, self._evaluate, lambda: self.taken)
+        return MazeOracle(problem, self._evaluate, lambda: self.taken)
 
     def grid(self, per_cell: int = 4) -> Moves:
         """Balls at rest, per_cell² in each free cell, that do not push: where pictures look at a reward [N]."""
@@ -149,59 +150,40 @@ class PointMaze(Environment):
         still = torch.zeros_like(states[:, :ACTIONS])
         return Moves(states, still, states, torch.zeros(len(states), dtype=torch.int64, device=states.device))
 
-    def env(self, copies: int, purpose: str) -> PointMazeEnv:
-        """Balls that run rounds; their reward is the primitive one."""
-        seeds = self._problem.seeds
-        return PointMazeEnv(self._task, seeds, copies, episodes="round", reward=self.primitive, purpose=purpose)
+    def picture(self, replica: int) -> dict[str, np.ndarray]:
+        """The maze, the demonstrations of a run, and its last evaluation.
 
-    def _evaluate(self, act: Act, episodes: int) -> tuple[Tensor, Tensor]:
-        """Success and length [R, episodes] of one round."""
-        key = -episodes  # evaluation has balls of its own
-        if key not in self._collectors:
-            self._collectors[key] = _Collecting(self, episodes, "evaluation")
-        rows, ball = self._collectors[key].round(act)
-        shape, least = (self._problem.replicas, episodes), self._problem.replicas * episodes
-        lengths = torch.bincount(ball, minlength=least).view(shape)
-        success = torch.bincount(ball[rows["next", "success"][:, 0]], minlength=least).view(shape)
-        return success.to(self.taken), lengths.to(self.taken)
+        `maze/walls` [rows, columns], `maze/start`, `maze/goal` (row, column); `<part>/states` [n, 4], trajectory after
+        trajectory, `<part>/lengths` and `<part>/labels` [K] of `demonstrations` and `evaluation`;
+        `demonstrations/kinds` [K], `evaluation/goals` [K, 2] where the goals really were.
+        """
+        shown, last = self.demonstrations_of(self._problem.seeds[replica]), self._evaluated
+        assert last is not None
+        parts = {
+            "demonstrations": (shown.states, shown.lengths, shown.labels),
+            "evaluation": (
+                last.rows["observation"][last.replica == replica].numpy(),
+                last.lengths[replica].numpy(),
+                last.success[replica].double().numpy(),
+            ),
+        }
+        arrays = {"maze/walls": self.maze.grid, "maze/start": np.array(self.begin), "maze/goal": np.array(self.goal)}
+        for part, columns in parts.items():
+            arrays |= {f"{part}/{name}": column for name, column in zip(PARTS, columns, strict=True)}
+        return arrays | {"demonstrations/kinds": shown.kinds, "evaluation/goals": last.goals[replica].numpy()}
 
-    def _trajectories(self, rows: TensorDictBase, replica: Tensor, number: Tensor, labels: Tensor) -> Trajectories:
-        rows = rows.to(self._problem.device)
-        return Trajectories(
-            states=rows["observation"],
-            actions=rows["action"],
-            next_states=rows["next", "observation"],
-            replica=replica.to(labels.device),
-            number=number.to(labels.device),
-            final=rows["next", "done"][:, 0],
-            terminated=rows["next", "terminated"][:, 0],
-            labels=labels,
-        )
+    def _evaluate(self, name: str, act: Act) -> Round:
+        """One round of episodes with noise of their own; that of the behaviour policy is kept for pictures."""
+        found = self._evaluation.run(act)
+        if name == "behaviour":
+            self._evaluated = found
+        return found
 
     def _found(self) -> Demonstrations:
         source = str(self.demonstrations_from)
         if Path(source).suffix == ".npz":
             return Demonstrations.load(source)
         return minari.read(source, self._task)
-
-
-class _Collecting:
-    """A collector whose policy is a function of states and the step; it is another one in every round."""
-
-    def __init__(self, maze: PointMaze, copies: int, purpose: str) -> None:
-        self._collector = RoundCollector(maze.env(copies, purpose), self._policy)
-        self._device = maze._problem.device
-
-    def round(self, act: Act) -> tuple[TensorDictBase, Tensor]:
-        """Rows [N], and which ball each belongs to."""
-        self._act, self._step, first = act, 0, self._collector.next_id
-        rows = self._collector.rollout()
-        return rows, rows["collector", "traj_ids"] - first
-
-    def _policy(self, tensordict: TensorDictBase) -> TensorDictBase:
-        actions = self._act(tensordict["observation"].to(self._device), self._step)
-        self._step += 1
-        return tensordict.set("action", actions)
 
 
 def _cell(key: str, cell: Sequence[int]) -> Cell:

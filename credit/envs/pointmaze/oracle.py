@@ -9,9 +9,11 @@ import torch
 from torch import Tensor
 
 from credit.cells import Cells
-from credit.continuous import ContinuousProblem
+from credit.continuous import ContinuousProblem, StepBelief
+from credit.envs.pointmaze.rounds import Round
 from credit.interfaces import Act, Optimizer
-from credit.types import Recovery
+from credit.metrics import trust_metrics
+from credit.types import Belief
 
 GOOD, BAD, LAST = 0.9, 0.6, 4  # a seed has learned at GOOD; below BAD it has lost it again; the end is LAST rounds
 
@@ -20,19 +22,18 @@ class MazeOracle:
     """Metrics of a maze: success of each policy, now, on average over the rounds, at the end, and lost again.
 
     Args:
-        problem: sizes. episodes: of one evaluation.
-        evaluate: a policy and a number of episodes → success and length [R, episodes].
+        problem: sizes.
+        evaluate: a policy's name and the policy → a round of episodes.
         taken: steps of each replica so far [R].
     """
 
     def __init__(
         self,
         problem: ContinuousProblem,
-        episodes: int,
-        evaluate: Callable[[Act, int], tuple[Tensor, Tensor]],
+        evaluate: Callable[[str, Act], Round],
         taken: Callable[[], Tensor],
     ) -> None:
-        self._problem, self._episodes, self._evaluate, self._taken = problem, episodes, evaluate, taken
+        self._problem, self._evaluate, self._taken = problem, evaluate, taken
         self._labels, self._windows = problem.zeros(), 0
         self._rounds: dict[str, list[Tensor]] = {}  # success of each policy after each round
         self._collected = False
@@ -47,7 +48,7 @@ class MazeOracle:
             self._labels, self._windows = self._labels + labels.sum(1), self._windows + labels.shape[1]
             self._collected = True
 
-    def metrics(self, policies: dict[str, Any], recovery: Recovery | None) -> dict[str, Tensor]:
+    def metrics(self, policies: dict[str, Any], recovery: Belief | None) -> dict[str, Tensor]:
         """Metric → [R]; each call evaluates every policy anew. `return/label` is the mean since the last call."""
         values = {"collect/steps": self._taken().clone()}
         if self._windows:
@@ -55,13 +56,16 @@ class MazeOracle:
         self._labels, self._windows = torch.zeros_like(self._labels), 0
         for name, policy in policies.items():
             after = "" if name == "behaviour" else f"_{name}"
-            success, length = self._evaluate(policy, self._episodes)
-            values[f"eval/success{after}"] = success.mean(1)
-            values[f"eval/length{after}"] = length.mean(1)
+            found = self._evaluate(name, policy)
+            success, length = (part.to(self._labels).mean(1) for part in (found.success, found.lengths))
+            values[f"eval/success{after}"], values[f"eval/length{after}"] = success, length
             if self._collected:
                 rounds = self._rounds.setdefault(name, [])
-                rounds.append(success.mean(1))
+                rounds.append(success)
                 values |= {f"eval/{what}{after}": value for what, value in of_rounds(torch.stack(rounds)).items()}
+        if isinstance(recovery, StepBelief):
+            each = [trust_metrics(recovery.of(replica)) for replica in range(self._problem.replicas)]
+            values |= {name: torch.cat([one[name] for one in each]) for name in each[0]}
         return values
 
 

@@ -65,7 +65,7 @@ class Replay:
         self.replicas, self.capacity = len(seeds), capacity
         self.n_step, self.discount, self.success_share = n_step, discount, success_share
         self.device = torch.device(device)
-        self.buffer = TensorDictReplayBuffer(storage=LazyTensorStorage(capacity, device=self.device), batch_size=1)
+        self.buffer = self._empty()
         self._draws = Draws(seeds, "sac/replay", self.device)
         self._table: Tensor | None = None
 
@@ -76,6 +76,14 @@ class Replay:
     def rows(self) -> TensorDictBase:
         """All rows [N]; to change them in place use `set_` or `relabel`."""
         return self.buffer[:]
+
+    def reserve(self, capacity: int) -> None:
+        """Make room for more rows."""
+        rows = self.rows.clone() if len(self) else None
+        self.capacity = capacity
+        self.buffer = self._empty()
+        if rows is not None:
+            self.buffer.extend(rows)
 
     def extend(self, rows: TensorDictBase, replicas: Tensor) -> None:
         """Append whole trajectories.
@@ -89,7 +97,7 @@ class Replay:
         if len(self) + len(rows) > self.capacity:
             raise UserError(
                 f"the replay buffer holds {self.capacity} transitions and was given {len(self) + len(rows)}; "
-                "make its capacity the horizon times the number of trajectories"
+                "reserve more"
             )
         if not rows["next", "done"][-1]:
             raise ValueError("the last row does not end a trajectory; whole trajectories are needed")
@@ -140,6 +148,9 @@ class Replay:
             tensors = {key: rows[_flat(key)] for key in (*KEYS, "replica")}
             self.buffer.extend(TensorDict(tensors, [len(rows["observation"])]).to(self.device))
         self._draws.load(state["draws"])
+
+    def _empty(self) -> TensorDictReplayBuffer:
+        return TensorDictReplayBuffer(storage=LazyTensorStorage(self.capacity, device=self.device), batch_size=1)
 
     def _prepare(self) -> None:
         rows = self.rows

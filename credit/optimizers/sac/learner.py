@@ -26,14 +26,15 @@ BLOCK = 32  # batches drawn at once
 Rate = Annotated[float, Interval(gt=0, le=1)]
 
 
-class SAC:
+class Learner:
     """Soft actor-critic with twin critics (B.2, line 13), on whole trajectories that are relabelled every round.
 
     The defaults are the recipe `stable`; the paper's plain SAC is `layer_norm=False, updates=600, first_updates=1500,
     batch=128, policy_delay=1, n_step=1, success_share=0, target_clip=False`.
 
     Args:
-        width, depth: of the hidden layers of actor and critics. layer_norm: whether critics have layer norms.
+        width: of the hidden layers of actor and critics. depth: how many of them.
+        layer_norm: whether critics have layer norms.
         learning_rate: Adam's, of actor, critics and α. discount: γ. target_rate: τ, at which the targets follow.
         updates: gradient updates a round. first_updates: in the first round, on what was there before.
         update_ratio: updates a new transition; 0 leaves it to `updates`.
@@ -44,13 +45,14 @@ class SAC:
         average_rate: at which the average of the actor's weights, for evaluation only, follows them.
         temperature: α at the start. adapt_temperature: whether it is adapted to the target entropy.
         target_entropy: H̄; None is minus the number of actions.
-        device: where weights and replay live. compile: whether `torch.compile` gets the update: on a CPU, after half a
-            minute, a fifth faster at 64×64 and no faster at 256×256.
+        time_cost: what every step costs: subtracted from every reward.
+        compile: whether `torch.compile` gets the update: on a CPU, after half a minute, a fifth faster at 64×64 and no
+            faster at 256×256.
 
     Example:
-        >>> sac = SAC(width=64)
-        >>> sac.start(observations=4, actions=2, seeds=(0, 1))
-        >>> sac.improve(replay, sac.updates)
+        >>> learner = Learner(width=64)
+        >>> learner.make(observations=4, actions=2, seeds=(0, 1))
+        >>> learner.fit(replay, learner.updates)
     """
 
     def __init__(
@@ -73,7 +75,7 @@ class SAC:
         temperature: Positive = 1.0,
         adapt_temperature: bool = True,
         target_entropy: float | None = None,
-        device: str = "cpu",
+        time_cost: NonNegative = 0.0,
         compile: bool = False,
     ) -> None:
         self.width, self.depth, self.layer_norm = width, depth, layer_norm
@@ -84,11 +86,12 @@ class SAC:
         self.average_rate = average_rate
         self.temperature, self.adapt_temperature = temperature, adapt_temperature
         self.target_entropy = target_entropy
-        self.device, self.compile = device, compile
+        self.time_cost, self.compile = time_cost, compile
 
-    def start(self, observations: int, actions: int, seeds: Sequence[int]) -> None:
+    def make(self, observations: int, actions: int, seeds: Sequence[int], device: torch.device | str = "cpu") -> None:
         """Make the networks of R seeds."""
-        self.seeds, device = tuple(seeds), torch.device(self.device)
+        self.seeds, self.device = tuple(seeds), torch.device(device)
+        device = self.device
         replicas, self._actions = len(seeds), actions
         self._entropy = float(-actions) if self.target_entropy is None else self.target_entropy
         mine = Shape(observations, 2 * actions, self.width, self.depth)
@@ -149,7 +152,7 @@ class SAC:
             )
         return max(1, round(self.update_ratio * transitions[0]))
 
-    def improve(self, replay: Replay, updates: int) -> dict[str, Tensor]:
+    def fit(self, replay: Replay, updates: int) -> dict[str, Tensor]:
         """Some updates on what is in the buffer.
 
         Returns:
@@ -215,7 +218,7 @@ class SAC:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a state, after `start` with the same sizes and seeds; bit for bit on one CPU thread."""
+        """Go on from a state, after `make` with the same sizes and seeds; bit for bit on one CPU thread."""
         self._adam.weights.copy_(state["actor"])
         self.critic.flat.copy_(state["critic"])
         self.target.flat.copy_(state["target"])

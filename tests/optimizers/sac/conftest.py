@@ -10,7 +10,7 @@ import torch
 from tensordict import TensorDict
 
 from credit.optimizers.sac.buffer import Replay
-from credit.optimizers.sac.learner import SAC
+from credit.optimizers.sac.learner import Learner
 
 
 def trajectories(lengths: Sequence[int], won: Sequence[bool], seed: int = 0, first_id: int = 0) -> TensorDict:
@@ -45,12 +45,12 @@ def make_rows() -> Callable[..., TensorDict]:
 
 
 @pytest.fixture(scope="session")
-def make_learner() -> Callable[..., tuple[SAC, Replay]]:
+def make_learner() -> Callable[..., tuple[Learner, Replay]]:
     """A started learner of some seeds with its replay; what a seed's replay holds depends on the seed alone."""
 
-    def make(seeds: Sequence[int], **keys: Any) -> tuple[SAC, Replay]:
-        sac = SAC(**({"width": 16, "batch": 8, "n_step": 3} | keys))
-        sac.start(observations=4, actions=2, seeds=seeds)
+    def make(seeds: Sequence[int], **keys: Any) -> tuple[Learner, Replay]:
+        sac = Learner(**({"width": 16, "batch": 8, "n_step": 3} | keys))
+        sac.make(observations=4, actions=2, seeds=seeds)
         replay = sac.replay(capacity=1000)
         for r, seed in enumerate(seeds):
             rows = trajectories([5 + seed, 9, 4], [True, False, seed % 2 == 0], seed)

@@ -14,10 +14,10 @@ from torch import Tensor
 from credit.errors import RunError, UserError
 from credit.optimizers.sac.adam import Adam
 from credit.optimizers.sac.buffer import Replay
-from credit.optimizers.sac.learner import SAC
+from credit.optimizers.sac.learner import Learner
 from credit.optimizers.sac.stack import Stack
 
-Make = Callable[..., tuple[SAC, Replay]]
+Make = Callable[..., tuple[Learner, Replay]]
 RECIPES: list[dict[str, Any]] = [
     {"batch": 37, "width": 18, "success_share": 0.5},
     {"layer_norm": False, "policy_delay": 1, "n_step": 1, "success_share": 0.0, "target_clip": False},
@@ -36,10 +36,10 @@ def same(a: list[Tensor], b: list[Tensor]) -> bool:
 @pytest.mark.parametrize("recipe", RECIPES)
 def test_a_replica_alone_equals_the_replica_in_a_batch(make_learner: Make, recipe: dict[str, Any]) -> None:
     together, replay = make_learner((0, 1, 2, 3), **recipe)
-    values = together.improve(replay, 34)
+    values = together.fit(replay, 34)
     for r in (0, 2, 3):
         alone, own = make_learner((r,), **recipe)
-        found = alone.improve(own, 34)
+        found = alone.fit(own, 34)
         assert same(members(together.actor, r, 1), alone.actor.blocks)
         assert same(members(together.average, r, 1), alone.average.blocks)
         assert same(members(together.critic, 2 * r, 2), alone.critic.blocks)
@@ -63,7 +63,7 @@ def test_two_runs_of_a_seed_are_equal_to_the_last_bit(make_learner: Make) -> Non
     finals = []
     for _ in range(2):
         sac, replay = make_learner((5,), width=32, batch=32)
-        sac.improve(replay, 50)
+        sac.fit(replay, 50)
         finals.append([sac.actor.flat, sac.critic.flat, sac.target.flat, sac.average.flat, sac.log_alpha])
     assert same(*finals)
 
@@ -72,20 +72,20 @@ def test_a_state_continues_bit_for_bit(make_learner: Make) -> None:
     sac, replay = make_learner((0, 1))
     requests = TensorDict({"observation": torch.randn(6, 4)}, [6])
     policy = sac.policy(copies=3, horizon=4)
-    sac.improve(replay, 35)
+    sac.fit(replay, 35)
     policy(requests)
     policy.restart()
     file = io.BytesIO()
     torch.save({"sac": sac.state_dict(), "replay": replay.state_dict()}, file)
-    sac.improve(replay, 35)
+    sac.fit(replay, 35)
     file.seek(0)
     state = torch.load(file, weights_only=True)  # tensors and plain data only
-    other = SAC(width=16, batch=8, n_step=3)
-    other.start(4, 2, (0, 1))
+    other = Learner(width=16, batch=8, n_step=3)
+    other.make(4, 2, (0, 1))
     refilled = other.replay(capacity=1000)
     other.load_state_dict(state["sac"])
     refilled.load_state_dict(state["replay"])
-    other.improve(refilled, 35)
+    other.fit(refilled, 35)
     assert same(
         [sac.actor.flat, sac.average.flat, sac.log_alpha], [other.actor.flat, other.average.flat, other.log_alpha]
     )
@@ -109,16 +109,18 @@ def test_the_temperature_moves_towards_the_target_entropy_unless_it_is_fixed(mak
     keys = {"policy_delay": 1, "temperature": 0.3}
     for target, sign in ((-20.0, -1), (20.0, 1)):
         sac, replay = make_learner((0,), target_entropy=target, **keys)
-        values = sac.improve(replay, 5)
+        values = sac.fit(replay, 5)
         assert sign * (values["temperature"].item() - 0.3) > 0
     fixed, replay = make_learner((0,), adapt_temperature=False, **keys)
-    assert fixed.improve(replay, 5)["temperature"].item() == pytest.approx(0.3)
+    assert fixed.fit(replay, 5)["temperature"].item() == pytest.approx(0.3)
 
 
 def test_it_learns_a_bandit() -> None:
     """r = −|a − (.5, −.25)|² ends at once: the mean action moves there."""
-    sac = SAC(width=32, batch=32, learning_rate=3e-3, policy_delay=1, n_step=1, target_entropy=-6.0, success_share=0.0)
-    sac.start(1, 2, (0,))
+    sac = Learner(
+        width=32, batch=32, learning_rate=3e-3, policy_delay=1, n_step=1, target_entropy=-6.0, success_share=0.0
+    )
+    sac.make(1, 2, (0,))
     replay = sac.replay(500)
     n = 500
     actions = torch.rand(n, 2, generator=torch.Generator().manual_seed(0)) * 2 - 1
@@ -129,15 +131,15 @@ def test_it_learns_a_bandit() -> None:
     following = {"observation": state, **ends}
     rows = {"observation": state, "action": actions, "collector": {"traj_ids": torch.arange(n)}, "next": following}
     replay.extend(TensorDict(rows, [n]), torch.zeros(n, dtype=torch.int64))
-    sac.improve(replay, 400)
+    sac.fit(replay, 400)
     mean = sac.policy(1, 1)(TensorDict({"observation": state[:1]}, [1]))["action"][0]
     assert mean.tolist() == pytest.approx([0.5, -0.25], abs=0.15)
 
 
 def test_how_many_updates_a_round_takes() -> None:
-    fixed = SAC(updates=7, first_updates=20)
+    fixed = Learner(updates=7, first_updates=20)
     assert [fixed.round_updates(first, [100, 30]) for first in (True, False)] == [20, 7]
-    ratio = SAC(update_ratio=0.5)
+    ratio = Learner(update_ratio=0.5)
     assert ratio.round_updates(True, [101, 101]) == 50
     with pytest.raises(UserError, match=r"\[30, 100\] new transitions"):
         ratio.round_updates(False, [100, 30])
@@ -151,7 +153,7 @@ def test_a_weight_that_is_not_finite_stops_the_run(make_learner: Make) -> None:
     with pytest.raises(
         RunError, match=r"critic of seed 4 is not finite after 20 updates|actor of seed 4 is not finite"
     ):
-        sac.improve(replay, 20)
+        sac.fit(replay, 20)
 
 
 def test_adam_is_that_of_pytorch() -> None:
@@ -170,7 +172,7 @@ def test_adam_is_that_of_pytorch() -> None:
 @pytest.mark.slow
 def test_compiled_updates_are_the_same_updates(make_learner: Make) -> None:
     (eager, replay), (compiled, other) = (make_learner((0, 1), compile=value, **RECIPES[0]) for value in (False, True))
-    eager.improve(replay, 6)
-    compiled.improve(other, 6)
+    eager.fit(replay, 6)
+    compiled.fit(other, 6)
     torch.testing.assert_close(compiled.actor.flat, eager.actor.flat, rtol=1e-3, atol=1e-5)
     torch.testing.assert_close(compiled.critic.flat, eager.critic.flat, rtol=1e-3, atol=1e-5)

@@ -12,7 +12,7 @@ from torch import Tensor
 from torchrl.data import Bounded
 from torchrl.objectives import SACLoss, SoftUpdate, ValueEstimators
 
-from credit.optimizers.sac.learner import SAC
+from credit.optimizers.sac.learner import Learner
 from credit.optimizers.sac.loss import Batch, losses
 from credit.optimizers.sac.networks import extract_actor, extract_critic, squash, squash_backward
 from credit.optimizers.sac.stack import Stack
@@ -20,10 +20,10 @@ from credit.optimizers.sac.stack import Stack
 R, B = 3, 10
 
 
-def learner(**keys: Any) -> SAC:
+def learner(**keys: Any) -> Learner:
     """Three seeds whose weights, targets and temperatures all differ."""
-    sac = SAC(**({"width": 12, "target_clip": False, "policy_delay": 1} | keys))
-    sac.start(4, 2, range(R))
+    sac = Learner(**({"width": 12, "target_clip": False, "policy_delay": 1} | keys))
+    sac.make(4, 2, range(R))
     generator = torch.Generator().manual_seed(5)
     for flat in (sac.actor.flat, sac.critic.flat, sac.target.flat):
         flat.add_(0.1 * torch.randn(flat.shape, generator=generator))
@@ -41,7 +41,7 @@ def batch(seed: int = 0) -> tuple[Batch, Tensor]:
     return Batch(states, actions, returns, discount, ahead, torch.full((R, 1), -1.0), torch.full((R, 1), 1.0)), noise
 
 
-def stock(sac: SAC, r: int) -> SACLoss:
+def stock(sac: Learner, r: int) -> SACLoss:
     """TorchRL's loss with the weights of one replica."""
     loss = SACLoss(
         extract_actor(sac.actor, r),

@@ -10,11 +10,11 @@ from tensordict import TensorDict
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from credit.optimizers.sac.buffer import Replay
-from credit.optimizers.sac.learner import SAC
+from credit.optimizers.sac.learner import Learner
 from credit.optimizers.sac.networks import extract_actor
 from credit.optimizers.sac.policy import Policy
 
-Make = Callable[..., tuple[SAC, Replay]]
+Make = Callable[..., tuple[Learner, Replay]]
 
 
 def acts(policy: Policy, observations: torch.Tensor) -> torch.Tensor:
@@ -23,7 +23,7 @@ def acts(policy: Policy, observations: torch.Tensor) -> torch.Tensor:
 
 def test_the_mean_action_is_that_of_the_torchrl_module(make_learner: Make) -> None:
     sac, replay = make_learner((0, 1))
-    sac.improve(replay, 20)
+    sac.fit(replay, 20)
     observations = torch.randn(10, 4)
     for averaged, stack in ((False, sac.actor), (True, sac.average)):
         with set_exploration_type(ExplorationType.DETERMINISTIC):

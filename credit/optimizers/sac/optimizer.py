@@ -1,0 +1,95 @@
+"""Soft actor-critic as the policy optimizer of a run."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import torch
+from tensordict import TensorDict
+from torch import Tensor
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+from credit.component import Domain, Setting
+from credit.continuous import ContinuousProblem, Trajectories
+from credit.dataset import TrajectoryDataset
+from credit.interfaces import Act, CreditAssigner, Optimizer
+from credit.optimizers.sac.learner import Learner
+from credit.optimizers.sac.policy import Policy
+from credit.types import FLOAT
+
+
+class SAC(Learner, Optimizer):  # noqa: D101 - the learner's docstring is its own
+    __doc__ = Learner.__doc__
+    domain: ClassVar[Domain] = "continuous"
+    setting: ClassVar[Setting] = "episodic"
+
+    def start(self, problem: ContinuousProblem) -> None:
+        """Make the networks and an empty replay buffer."""
+        self._problem = problem
+        self.make(problem.observations, problem.actions, problem.seeds, problem.device)
+        self.memory = self.replay(1)
+        self._policies: dict[tuple[str, int], Policy] = {}
+        self._diagnostics: dict[str, Tensor] = {}
+
+    def act(self, states: Tensor, step: int) -> Tensor:
+        """Sampled actions [n, A] in states [n, O], n = R · copies."""
+        return self._act("exploring", states, step)
+
+    def improve(self, dataset: TrajectoryDataset, assigner: CreditAssigner) -> None:
+        """Remember the newest trajectories, relabel all that is remembered, and fit."""
+        first, new = not len(self.memory), dataset.new
+        if len(self.memory) + len(new) > self.memory.capacity:
+            self.memory.reserve(2 * (len(self.memory) + len(new)))
+        self.memory.extend(_rows(new), new.replica)
+        self.memory.relabel(assigner.rewards(dataset.windows) - self.time_cost)
+        transitions = torch.bincount(new.replica, minlength=len(self.seeds)).tolist()
+        self._diagnostics = self.fit(self.memory, self.round_updates(first, transitions))
+
+    def policies(self) -> dict[str, Act]:
+        """The mean action, of the actor as it is and of the average of its weights."""
+
+        def of(name: str) -> Act:
+            return lambda states, step: self._act(name, states, step)
+
+        return {"behaviour": of("mean"), "averaged": of("averaged")}
+
+    def diagnostics(self) -> dict[str, Tensor]:
+        """Losses, mean target, entropy and temperature of the last update."""
+        return {name: value.detach().to(FLOAT) for name, value in self._diagnostics.items()}
+
+    def _act(self, name: str, states: Tensor, step: int) -> Tensor:
+        copies = len(states) // len(self.seeds)
+        if (name, copies) not in self._policies:
+            self._policies[name, copies] = self.policy(copies, self._problem.window, averaged=name == "averaged")
+        policy = self._policies[name, copies]
+        if step == 0:
+            policy.restart()
+        kind = ExplorationType.RANDOM if name == "exploring" else ExplorationType.DETERMINISTIC
+        with set_exploration_type(kind):
+            actions: Tensor = policy(TensorDict({"observation": states}, [len(states)]))["action"]
+        return actions
+
+
+def _rows(trajectories: Trajectories) -> TensorDict:
+    """Trajectories as the replay buffer keeps them; the reward is filled in by relabelling."""
+
+    def column(values: Tensor) -> Tensor:
+        return values.unsqueeze(-1)
+
+    final, terminated = trajectories.final, trajectories.terminated
+    return TensorDict(
+        {
+            "observation": trajectories.states,
+            "action": trajectories.actions,
+            "next": {
+                "observation": trajectories.next_states,
+                "reward": torch.full_like(trajectories.states[:, :1], torch.nan),
+                "success": column(trajectories.to_steps(trajectories.labels) > 0),
+                "done": column(final),
+                "terminated": column(terminated),
+                "truncated": column(final & ~terminated),
+            },
+            "collector": {"traj_ids": trajectories.number},
+        },
+        [len(trajectories)],
+    )
