@@ -1,4 +1,4 @@
-"""Problems with real-valued states and actions: their records, and the seams that only they have.
+"""The seams that only problems with real-valued states and actions have.
 
 What is a table elsewhere is a column of rows here: one row a step, of all replicas together, in the order in which
 trajectories came. The equations are the same functions, on [M, N] with N rows.
@@ -10,78 +10,12 @@ from abc import abstractmethod
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-import torch
 from torch import Tensor
 
-from credit.cells import Steps
 from credit.component import Component
 from credit.interfaces import FeatureMap, RewardModel, Uncertainty
-from credit.types import Belief, Replicas
-
-
-@dataclass(frozen=True)
-class ContinuousProblem(Replicas):
-    """What a learner may know before its first step.
-
-    Attributes:
-        observations: numbers in a state. actions: numbers in an action, each in [−1, 1].
-        window: H, most steps of a trajectory. seeds: one a replica. device: where tensors live.
-    """
-
-    observations: int
-    actions: int
-    window: int
-    seeds: tuple[int, ...]
-    device: torch.device
-    episodic: bool = True
-
-
-@dataclass(frozen=True)
-class Moves(Steps):
-    """Steps in rows: states [N, O], actions [N, A], next_states [N, O], float32.
-
-    Attributes:
-        replica: of each row [N], int64.
-    """
-
-    replica: Tensor
-
-    def __len__(self) -> int:
-        """N."""
-        return len(self.states)
-
-
-@dataclass(frozen=True)
-class Trajectories(Moves):
-    """Labelled trajectories of R replicas, K each: their steps in N rows, a trajectory's one behind the other.
-
-    Attributes:
-        number: which of its replica's trajectories a row belongs to [N], 0 … K − 1.
-        final: whether a row is the last of its trajectory [N]. terminated: whether nothing lies behind it [N].
-        labels: Y [R, K], all that a learner is told about a trajectory.
-        primitive: r [N], only for components that declare `sees_primitive` (the oracle); None for all others.
-    """
-
-    number: Tensor
-    final: Tensor
-    terminated: Tensor
-    labels: Tensor
-    primitive: Tensor | None = None
-
-    @property
-    def lengths(self) -> Tensor:
-        """L [R, K], steps."""
-        return self.sums(torch.ones_like(self.number)).to(self.labels.dtype)
-
-    def to_steps(self, values: Tensor) -> Tensor:
-        """What a trajectory has [R, K], for each of its steps [N]."""
-        return values[self.replica, self.number]
-
-    def sums(self, values: Tensor) -> Tensor:
-        """Sums [R, K, ...] over the steps of each trajectory, of values [N, ...]."""
-        replicas, count = self.labels.shape
-        total = values.new_zeros(replicas * count, *values.shape[1:])
-        return total.index_add_(0, self.replica * count + self.number, values).view(replicas, count, *values.shape[1:])
+from credit.trajectories import ContinuousProblem, Moves, Trajectories
+from credit.types import Belief
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,11 @@ import torch
 from torch import Tensor
 
 from credit.continuous import ContinuousProblem, Moves, Scaler, StepBelief, StepModel, Trajectories
-from credit.dataset import TrajectoryDataset
 from credit.interfaces import Bonus, CreditAssigner, Mixer
 from credit.mixers import best_model, mix
 from credit.recovery import names_of
 from credit.tensors import grown
+from credit.trajectories import TrajectoryDataset
 
 
 class StepRecovery(CreditAssigner):

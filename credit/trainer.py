@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from credit.component import Component
-from credit.dataset import Dataset, TrajectoryDataset
+from credit.dataset import Dataset
 from credit.errors import RunError, UserError
 from credit.interfaces import (
     CreditAssigner,
@@ -22,6 +22,7 @@ from credit.interfaces import (
     SomeWindows,
 )
 from credit.optimizers.random import Random
+from credit.trajectories import TrajectoryDataset
 from credit.types import Belief, NonNegativeInt, PositiveInt, Problem
 
 Log = Callable[[int, dict[str, Tensor]], None]

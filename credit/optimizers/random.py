@@ -7,9 +7,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from credit.continuous import ContinuousProblem
 from credit.interfaces import CreditAssigner, Optimizer, SomeDataset, SomeProblem
 from credit.streams import Stream, generators
+from credit.trajectories import ContinuousProblem
 from credit.types import FLOAT, Problem
 
 

@@ -11,7 +11,7 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
-from credit.continuous import ContinuousProblem, Moves, Trajectories
+from credit.trajectories import ContinuousProblem, Moves, Trajectories
 from credit.envs.pointmaze import minari
 from credit.envs.pointmaze.demonstrations import Demonstrations, describe, make
 from credit.envs.pointmaze.geometry import Geometry

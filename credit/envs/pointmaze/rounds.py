@@ -9,11 +9,11 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
-from credit.continuous import ContinuousProblem, Trajectories
 from credit.envs.pointmaze.collector import RoundCollector
 from credit.envs.pointmaze.env import PointMazeEnv
 from credit.envs.pointmaze.task import Task
 from credit.interfaces import Act
+from credit.trajectories import ContinuousProblem, Trajectories
 from credit.types import FLOAT
 
 

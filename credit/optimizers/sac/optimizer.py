@@ -10,11 +10,10 @@ from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from credit.component import Domain, Setting
-from credit.continuous import ContinuousProblem, Trajectories
-from credit.dataset import TrajectoryDataset
 from credit.interfaces import Act, CreditAssigner, Optimizer
 from credit.optimizers.sac.learner import Learner
 from credit.optimizers.sac.policy import Policy
+from credit.trajectories import ContinuousProblem, Trajectories, TrajectoryDataset
 from credit.types import FLOAT
 
 
