@@ -62,6 +62,8 @@ class Rounds:
     ) -> None:
         self._shape, self._device = (problem.replicas, copies), problem.device
         self._env = PointMazeEnv(task, problem.seeds, copies, episodes="round", reward=primitive, purpose=purpose)
+        self._act: Act = lambda states, step: torch.zeros_like(states[:, :2])  # the collector tries its policy once
+        self._step = 0
         self._collector = RoundCollector(self._env, self._policy)
 
     def run(self, act: Act) -> Round:
