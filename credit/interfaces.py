@@ -79,6 +79,10 @@ class Environment(Component):
         """Labelled windows that every method starts from; none by default."""
         return None
 
+    def digests(self) -> dict[str, list[str]]:
+        """What each replica was given beside its configuration: name → digest of the data; nothing by default."""
+        return {}
+
     def summary(self, cells: Cells) -> dict[str, Tensor]:
         """Two small axes, name → whole numbers [N], over which a table too large to draw is averaged; or none."""
         return {}

@@ -125,7 +125,7 @@ def run_job(
     fresh = [parent / f"seed-{seed}" for seed in todo]
     started, cpu = time.time(), time.process_time()
     journal = Journal(fresh, started)  # before the record: whoever follows it must find no older journal
-    record = JobRecord(session, number, started, _facts(config, overrides, parent, todo, fresh))
+    record = JobRecord(session, number, started, _facts(config, overrides, parent, todo, fresh, trainer))
     for seed, folder in zip(todo, fresh, strict=True):
         write_yaml(folder / "config.yaml", {**config, "seed": seed, "replicas": 1, "rerun": False})
     status, error = "KILLED", None
@@ -147,8 +147,9 @@ def run_job(
     finally:
         journal.flush()
         summary = _summary(config, record, status, time.process_time() - cpu)
-        for seed, folder, last in zip(todo, fresh, journal.last, strict=True):
-            write_json(folder / "summary.json", summary | {"seed": seed, "metrics": last})
+        for index, (seed, folder, last) in enumerate(zip(todo, fresh, journal.last, strict=True)):
+            data = {name: digests[index] for name, digests in record.facts["data"].items()}
+            write_json(folder / "summary.json", summary | {"seed": seed, "metrics": last, "data": data})
             if status == "FINISHED":
                 write_atomically(folder / "DONE", summary["config_hash"] + "\n")
         record.finish(status, error)
@@ -156,7 +157,12 @@ def run_job(
 
 
 def _facts(
-    config: Mapping[str, Any], overrides: Sequence[str], parent: Path, seeds: list[int], folders: list[Path]
+    config: Mapping[str, Any],
+    overrides: Sequence[str],
+    parent: Path,
+    seeds: list[int],
+    folders: list[Path],
+    trainer: Trainer,
 ) -> dict[str, Any]:
     job = jobs.Job.of(config)
     return {
@@ -170,6 +176,7 @@ def _facts(
         "config_hash": jobs.identity(config),
         "config": dict(config),
         "overrides": list(overrides),
+        "data": trainer.env.digests(),
     }
 
 

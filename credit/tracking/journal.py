@@ -36,7 +36,7 @@ class Journal:
         self._flushed = 0.0
         for folder in self.folders:
             folder.mkdir(parents=True, exist_ok=True)
-            for name in ("metrics.csv", "summary.json", "recovery.npz", "DONE"):
+            for name in ("metrics.csv", "summary.json", "recovery.npz", "trajectories.npz", "DONE"):
                 (folder / name).unlink(missing_ok=True)
 
     def log(self, step: int, values: Mapping[str, Sequence[float]]) -> None:

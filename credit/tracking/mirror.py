@@ -21,7 +21,7 @@ from credit.tracking.ledger import Ledger, Upload
 
 AUTO_SEEDS = 20
 SEED_INTERVAL = 5.0
-SEED_FILES = ("config.yaml", "summary.json", "recovery.npz")
+SEED_FILES = ("config.yaml", "summary.json", "recovery.npz", "trajectories.npz")
 
 Json = dict[str, Any]
 

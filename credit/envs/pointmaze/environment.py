@@ -11,7 +11,6 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
-from credit.trajectories import ContinuousProblem, Moves, Trajectories
 from credit.envs.pointmaze import minari
 from credit.envs.pointmaze.demonstrations import Demonstrations, describe, make
 from credit.envs.pointmaze.geometry import Geometry
@@ -21,6 +20,7 @@ from credit.envs.pointmaze.rounds import Round, Rounds, trajectories
 from credit.envs.pointmaze.task import Task
 from credit.errors import UserError
 from credit.interfaces import Act, Environment, Feedback
+from credit.trajectories import ContinuousProblem, Moves, Trajectories
 from credit.types import FLOAT, NonNegativeInt, Positive, PositiveInt
 
 OBSERVATIONS, ACTIONS = 4, 2
@@ -103,6 +103,7 @@ class PointMaze(Environment):
             raise UserError(f"env.one_sided=stop: {describe(known)} one_sided=go_on trains nevertheless")
         self._rounds: dict[int, Rounds] = {}  # K → what collects K trajectories of each replica
         self._evaluation = Rounds(self._task, problem, self.evaluation_episodes, "evaluation")
+        self._driven: dict[int, Demonstrations] = {}
         self._evaluated: Round | None = None
         self.taken = problem.zeros()
 
@@ -119,7 +120,15 @@ class PointMaze(Environment):
 
     def demonstrations_of(self, seed: int) -> Demonstrations:
         """The demonstrations of one run."""
-        return self._read or make(self._task, self.successes, self.partials, self.failures, seed)
+        if self._read:
+            return self._read
+        if seed not in self._driven:
+            self._driven[seed] = make(self._task, self.successes, self.partials, self.failures, seed)
+        return self._driven[seed]
+
+    def digests(self) -> dict[str, list[str]]:
+        """SHA-256 of the demonstrations of each replica."""
+        return {"demonstrations": [self.demonstrations_of(seed).digest for seed in self._problem.seeds]}
 
     def collect(self, act: Act, feedback: Feedback, windows: int, steps: int) -> tuple[Trajectories, Tensor]:
         """Some whole trajectories of each replica, and their primitive rewards [N]; the feedback sees 1 at the goal."""

@@ -15,6 +15,7 @@ from credit.interfaces import Act, Optimizer
 from credit.metrics import trust_metrics
 from credit.types import Belief
 
+SUMMARY = ("auc", "final", "learned", "lost")
 GOOD, BAD, LAST = 0.9, 0.6, 4  # a seed has learned at GOOD; below BAD it has lost it again; the end is LAST rounds
 
 
@@ -50,19 +51,20 @@ class MazeOracle:
 
     def metrics(self, policies: dict[str, Any], recovery: Belief | None) -> dict[str, Tensor]:
         """Metric → [R]; each call evaluates every policy anew. `return/label` is the mean since the last call."""
+        unknown = torch.full_like(self._labels, torch.nan)
         values = {"collect/steps": self._taken().clone()}
-        if self._windows:
-            values["return/label"] = self._labels / self._windows
+        values["return/label"] = self._labels / self._windows if self._windows else unknown
         self._labels, self._windows = torch.zeros_like(self._labels), 0
         for name, policy in policies.items():
             after = "" if name == "behaviour" else f"_{name}"
             found = self._evaluate(name, policy)
             success, length = (part.to(self._labels).mean(1) for part in (found.success, found.lengths))
             values[f"eval/success{after}"], values[f"eval/length{after}"] = success, length
+            rounds = self._rounds.setdefault(name, [])
             if self._collected:
-                rounds = self._rounds.setdefault(name, [])
                 rounds.append(success)
-                values |= {f"eval/{what}{after}": value for what, value in of_rounds(torch.stack(rounds)).items()}
+            summary = of_rounds(torch.stack(rounds)) if rounds else dict.fromkeys(SUMMARY, unknown)
+            values |= {f"eval/{what}{after}": value for what, value in summary.items()}
         if isinstance(recovery, StepBelief):
             each = [trust_metrics(recovery.of(replica)) for replica in range(self._problem.replicas)]
             values |= {name: torch.cat([one[name] for one in each]) for name in each[0]}
@@ -77,9 +79,6 @@ def of_rounds(success: Tensor) -> dict[str, Tensor]:
     """
     reached = (success >= GOOD - 1e-9).cummax(0).values
     after = torch.cat([torch.zeros_like(reached[:1]), reached[:-1]])
-    return {
-        "auc": success.mean(0),
-        "final": success[-LAST:].mean(0),
-        "learned": after.sum(0).to(success.dtype),
-        "lost": (after & (success < BAD)).sum(0).to(success.dtype),
-    }
+    learned, lost = after.sum(0), (after & (success < BAD)).sum(0)
+    columns = (success.mean(0), success[-LAST:].mean(0), learned.to(success.dtype), lost.to(success.dtype))
+    return dict(zip(SUMMARY, columns, strict=True))

@@ -16,6 +16,8 @@ from credit.optimizers.sac.policy import Policy
 from credit.trajectories import ContinuousProblem, Trajectories, TrajectoryDataset
 from credit.types import FLOAT
 
+DIAGNOSTICS = ("critic", "actor", "alpha", "q", "entropy", "temperature")
+
 
 class SAC(Learner, Optimizer):  # noqa: D101 - the learner's docstring is its own
     __doc__ = Learner.__doc__
@@ -28,7 +30,8 @@ class SAC(Learner, Optimizer):  # noqa: D101 - the learner's docstring is its ow
         self.make(problem.observations, problem.actions, problem.seeds, problem.device)
         self.memory = self.replay(1)
         self._policies: dict[tuple[str, int], Policy] = {}
-        self._diagnostics: dict[str, Tensor] = {}
+        unknown = torch.full((problem.replicas,), torch.nan, device=problem.device)
+        self._diagnostics = dict.fromkeys(DIAGNOSTICS, unknown)
 
     def act(self, states: Tensor, step: int) -> Tensor:
         """Sampled actions [n, A] in states [n, O], n = R · copies."""
@@ -42,7 +45,7 @@ class SAC(Learner, Optimizer):  # noqa: D101 - the learner's docstring is its ow
         self.memory.extend(_rows(new), new.replica)
         self.memory.relabel(assigner.rewards(dataset.windows) - self.time_cost)
         transitions = torch.bincount(new.replica, minlength=len(self.seeds)).tolist()
-        self._diagnostics = self.fit(self.memory, self.round_updates(first, transitions))
+        self._diagnostics |= self.fit(self.memory, self.round_updates(first, transitions))
 
     def policies(self) -> dict[str, Act]:
         """The mean action, of the actor as it is and of the average of its weights."""
@@ -53,7 +56,7 @@ class SAC(Learner, Optimizer):  # noqa: D101 - the learner's docstring is its ow
         return {"behaviour": of("mean"), "averaged": of("averaged")}
 
     def diagnostics(self) -> dict[str, Tensor]:
-        """Losses, mean target, entropy and temperature of the last update."""
+        """Losses, mean target, entropy and temperature of the last update in which each was due."""
         return {name: value.detach().to(FLOAT) for name, value in self._diagnostics.items()}
 
     def _act(self, name: str, states: Tensor, step: int) -> Tensor:
