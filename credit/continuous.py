@@ -6,81 +6,16 @@ trajectories came. The equations are the same functions, on [M, N] with N rows.
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from typing import ClassVar
 
-import torch
 from torch import Tensor
 
-from credit.cells import Steps
 from credit.component import Component
 from credit.interfaces import FeatureMap, RewardModel, Uncertainty
-from credit.types import Replicas
-
-
-@dataclass(frozen=True)
-class ContinuousProblem(Replicas):
-    """What a learner may know before its first step.
-
-    Attributes:
-        observations: numbers in a state. actions: numbers in an action, each in [−1, 1].
-        window: H, most steps of a trajectory. seeds: one a replica. device: where tensors live.
-    """
-
-    observations: int
-    actions: int
-    window: int
-    seeds: tuple[int, ...]
-    device: torch.device
-    episodic: bool = True
-
-
-@dataclass(frozen=True)
-class Moves(Steps):
-    """Steps in rows: states [N, O], actions [N, A], next_states [N, O], float32.
-
-    Attributes:
-        replica: of each row [N], int64.
-    """
-
-    replica: Tensor
-
-    def __len__(self) -> int:
-        """N."""
-        return len(self.states)
-
-
-@dataclass(frozen=True)
-class Trajectories(Moves):
-    """Labelled trajectories of R replicas, K each: their steps in N rows, a trajectory's one behind the other.
-
-    Attributes:
-        number: which of its replica's trajectories a row belongs to [N], 0 … K − 1.
-        final: whether a row is the last of its trajectory [N]. terminated: whether nothing lies behind it [N].
-        labels: Y [R, K], all that a learner is told about a trajectory.
-        primitive: r [N], only for components that declare `sees_primitive` (the oracle); None for all others.
-    """
-
-    number: Tensor
-    final: Tensor
-    terminated: Tensor
-    labels: Tensor
-    primitive: Tensor | None = None
-
-    @property
-    def lengths(self) -> Tensor:
-        """L [R, K], steps."""
-        return self.sums(torch.ones_like(self.number)).to(self.labels.dtype)
-
-    def to_steps(self, values: Tensor) -> Tensor:
-        """What a trajectory has [R, K], for each of its steps [N]."""
-        return values[self.replica, self.number]
-
-    def sums(self, values: Tensor) -> Tensor:
-        """Sums [R, K, ...] over the steps of each trajectory, of values [N, ...]."""
-        replicas, count = self.labels.shape
-        total = values.new_zeros(replicas * count, *values.shape[1:])
-        return total.index_add_(0, self.replica * count + self.number, values).view(replicas, count, *values.shape[1:])
+from credit.optimizers.sac.stack import Stack
+from credit.trajectories import ContinuousProblem, Moves, Trajectories
 
 
 class StepModel(RewardModel):
@@ -90,6 +25,7 @@ class StepModel(RewardModel):
         features: the feature map φ; rows of it are computed once, when their steps come.
     """
 
+    domain: ClassVar = "continuous"
     features: FeatureMap
 
     @abstractmethod
@@ -119,10 +55,50 @@ class StepModel(RewardModel):
 class Scaler(Component):
     """How a pseudo-reward is scaled and clipped before a policy optimizer sees it. It decides continuous control."""
 
+    domain: ClassVar = "continuous"
+
     @abstractmethod
     def __call__(self, rewards: Tensor) -> Tensor:
         """The scaled rewards [N] of one replica."""
 
 
+class Posterior(ABC):
+    """What the M networks of one neural model believe together; it decides what is trained, and how it predicts.
+
+    Inputs are the networks' [M, rows, d], standardised; outputs are theirs too, before the model scales them.
+    Networks are numbered replica by replica: those of replica r are r·E … r·E + E − 1.
+    """
+
+    def masks(self, rows: int) -> Sequence[Tensor]:
+        """For one training step: what is kept of every hidden layer, zeros and ones [M, rows, width]; () for all."""
+        return ()
+
+    def offset(self, inputs: Tensor) -> Tensor | None:
+        """What is added to the outputs in training [M, rows], if anything is; it stays as it is."""
+        return None
+
+    def fitted(self, inputs: Tensor, shares: Tensor) -> None:  # noqa: B027 - most have nothing to do
+        """Take note that the networks were fitted to sums of outputs.
+
+        Args:
+            inputs: those of K trajectories [M, K, P, d]. shares: the weight of every output in its sum [M, K, P].
+        """
+
+    @abstractmethod
+    def predictor(self, replica: int) -> Callable[[Tensor], tuple[Tensor, Tensor]]:
+        """The prediction of one replica, with random numbers of its own: rows [n, d] → mean and variance [n]."""
+
+
 class NetworkUncertainty(Uncertainty):
-    """How far a neural reward model can be trusted: decides what is trained, and how it predicts."""
+    """How far a neural reward model can be trusted. One component serves several models: each has a posterior.
+
+    Attributes:
+        members: E, networks that are trained for a replica.
+    """
+
+    domain: ClassVar = "continuous"
+    members: int = 1
+
+    @abstractmethod
+    def posterior(self, networks: Stack, problem: ContinuousProblem, name: str) -> Posterior:
+        """The posterior of a model of some name, on its R·E networks."""

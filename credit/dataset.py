@@ -1,11 +1,10 @@
-"""All labelled windows so far, in growing blocks of memory."""
+"""All labelled windows so far, in one growing block of memory."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
 
-from credit.continuous import ContinuousProblem, Trajectories
 from credit.tensors import grown
 from credit.types import Problem, Windows
 
@@ -52,44 +51,3 @@ class Dataset:
         states, actions, next_states = (block[:, : self._count] for block in self._steps)
         primitive = None if self._primitive is None else self._primitive[:, : self._count]
         return Windows(states, actions, next_states, self._labels[:, : self._count], primitive)
-
-
-class TrajectoryDataset:
-    """Labelled trajectories of R replicas; `new` are those of the last append, `windows` all of them.
-
-    Rows stay where they are: those of an append follow those of the appends before.
-    """
-
-    COLUMNS = ("states", "actions", "next_states", "replica", "number", "final", "terminated")
-
-    def __init__(self, problem: ContinuousProblem) -> None:
-        self._blocks: dict[str, Tensor] = {}
-        self._labels = problem.zeros(0)
-        self._rows = 0
-        self.new: Trajectories
-
-    def __len__(self) -> int:
-        """K."""
-        return self._labels.shape[1]
-
-    def append(self, trajectories: Trajectories) -> None:
-        """Add trajectories; they are `new` until the next append."""
-        start, self._rows = self._rows, self._rows + len(trajectories)
-        columns = {name: getattr(trajectories, name) for name in self.COLUMNS}
-        if trajectories.primitive is not None:
-            columns["primitive"] = trajectories.primitive
-        columns["number"] = columns["number"] + len(self)
-        for name, values in columns.items():
-            block = self._blocks.get(name, values.new_empty(0, *values.shape[1:]))
-            if self._rows > len(block):
-                block = grown(block.unsqueeze(0), self._rows)[0]
-            block[start : self._rows] = values
-            self._blocks[name] = block
-        self._labels = torch.cat([self._labels, trajectories.labels], dim=1)
-        self.new = trajectories
-
-    @property
-    def windows(self) -> Trajectories:
-        """All trajectories, as views."""
-        columns = {name: block[: self._rows] for name, block in self._blocks.items()}
-        return Trajectories(**columns, labels=self._labels)

@@ -10,7 +10,6 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
-from credit.continuous import ContinuousProblem, Moves, Trajectories
 from credit.envs.pointmaze import minari
 from credit.envs.pointmaze.collector import RoundCollector
 from credit.envs.pointmaze.demonstrations import Demonstrations, describe, make
@@ -21,6 +20,7 @@ from credit.envs.pointmaze.oracle import MazeOracle
 from credit.envs.pointmaze.task import Task
 from credit.errors import UserError
 from credit.interfaces import Act, Environment, Feedback
+from credit.trajectories import ContinuousProblem, Moves, Trajectories
 from credit.types import FLOAT, NonNegativeInt, Positive, PositiveInt
 
 OBSERVATIONS, ACTIONS = 4, 2
