@@ -6,7 +6,8 @@ trajectories came. The equations are the same functions, on [M, N] with N rows.
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -14,6 +15,7 @@ from torch import Tensor
 
 from credit.component import Component
 from credit.interfaces import FeatureMap, RewardModel, Uncertainty
+from credit.optimizers.sac.stack import Stack
 from credit.trajectories import ContinuousProblem, Moves, Trajectories
 from credit.types import Belief
 
@@ -80,7 +82,43 @@ class Scaler(Component):
         """The scaled rewards [N] of one replica."""
 
 
+class Posterior(ABC):
+    """What the M networks of one neural model believe together; it decides what is trained, and how it predicts.
+
+    Inputs are the networks' [M, rows, d], standardised; outputs are theirs too, before the model scales them.
+    Networks are numbered replica by replica: those of replica r are r·E … r·E + E − 1.
+    """
+
+    def masks(self, rows: int) -> Sequence[Tensor]:
+        """For one training step: what is kept of every hidden layer, zeros and ones [M, rows, width]; () for all."""
+        return ()
+
+    def offset(self, inputs: Tensor) -> Tensor | None:
+        """What is added to the outputs in training [M, rows], if anything is; it stays as it is."""
+        return None
+
+    def fitted(self, inputs: Tensor, shares: Tensor) -> None:  # noqa: B027 - most have nothing to do
+        """Take note that the networks were fitted to sums of outputs.
+
+        Args:
+            inputs: those of K trajectories [M, K, P, d]. shares: the weight of every output in its sum [M, K, P].
+        """
+
+    @abstractmethod
+    def predictor(self, replica: int) -> Callable[[Tensor], tuple[Tensor, Tensor]]:
+        """The prediction of one replica, with random numbers of its own: rows [n, d] → mean and variance [n]."""
+
+
 class NetworkUncertainty(Uncertainty):
-    """How far a neural reward model can be trusted: decides what is trained, and how it predicts."""
+    """How far a neural reward model can be trusted. One component serves several models: each has a posterior.
+
+    Attributes:
+        members: E, networks that are trained for a replica.
+    """
 
     domain: ClassVar = "continuous"
+    members: int = 1
+
+    @abstractmethod
+    def posterior(self, networks: Stack, problem: ContinuousProblem, name: str) -> Posterior:
+        """The posterior of a model of some name, on its R·E networks."""

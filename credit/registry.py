@@ -57,6 +57,7 @@ KINDS = {
     "assigner": Kind("credit.interfaces:CreditAssigner", ("assigner",), "windows → one reward per step"),
     "transition": Kind("credit.interfaces:TransitionModel", ("transition",), "P̂ for planning"),
     "optimizer": Kind("credit.interfaces:Optimizer", ("optimizer",), "relabelled rewards → policy"),
+    "scaler": Kind("credit.continuous:Scaler", ("scaler",), "how a pseudo-reward is scaled and clipped"),
     "tracking": Kind("credit.tracking:Tracking", ("tracking",), "where runs are mirrored"),
 }
 CHOICES = {  # folders that choose among the kinds, and build nothing themselves

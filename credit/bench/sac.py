@@ -15,6 +15,7 @@ from torchrl.envs import DoubleToFloat, GymWrapper, TransformedEnv
 
 from credit.bench import peers
 from credit.bench.measure import Row, taken_in_turns
+from credit.bench.relabel import relabelling
 from credit.envs.pointmaze.collector import RoundCollector
 from credit.envs.pointmaze.env import PointMazeEnv
 from credit.envs.pointmaze.maze import Maze
@@ -35,7 +36,9 @@ def run(say: Callable[[str], None] = lambda line: None) -> list[Row]:
     say("collection")
     rows += collection()
     say("seeds side by side")
-    return rows + side_by_side()
+    rows += side_by_side()
+    say("relabelling")
+    return rows + relabelling()
 
 
 def updates(rounds: int = 8) -> list[Row]:

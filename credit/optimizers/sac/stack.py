@@ -124,8 +124,13 @@ class Stack:
                 state[f"{k * stride + 1}.bias"] = layer.shift[member, 0].clone()
         return state
 
-    def forward(self, tape: Tape) -> Tensor:
-        """The outputs [N, rows, out] for `tape.input`."""
+    def forward(self, tape: Tape, masks: Sequence[Tensor] = ()) -> Tensor:
+        """The outputs [N, rows, out] for `tape.input`.
+
+        Args:
+            masks: zeros and ones [N, rows, width] of every hidden layer, where units are dropped (and others not scaled
+                up for it: the way back needs to know nothing of them).
+        """
         x = tape.input
         tape.normal.clear()
         for k, layer in enumerate(self.layers[:-1]):
@@ -136,6 +141,8 @@ class Stack:
                 tape.normal.append(normal)
                 x = torch.addcmul(layer.shift, normal[0], layer.gain, out=tape.hidden[k])
             x.relu_()
+            if masks:
+                x.mul_(masks[k])
         last = self.layers[-1]
         if self.shape.outputs == 1:  # one row times a matrix takes a third of the time of a matrix times one column
             return torch.baddbmm(last.bias, last.weight, x.mT, out=tape.output.mT).mT
@@ -155,7 +162,7 @@ class Stack:
             layer, x = self.layers[place], tape.hidden[place - 1] if place else tape.input
             if gradients is not None:
                 into = gradients.layers[place]
-                torch.bmm(delta.mT, x, out=into.weight)
+                _product(delta.mT, x, into.weight)
                 torch.sum(delta, 1, keepdim=True, out=into.bias)
             if not place:
                 break
@@ -179,6 +186,14 @@ class Stack:
         scaled, linear, wanted = delta.mul_(gain), tape.linear[place], [True, False, False]
         backward = torch.ops.aten.native_layer_norm_backward
         return backward(scaled, linear, [self.shape.width], mean, deviation, None, None, wanted)[0]
+
+
+def _product(left: Tensor, right: Tensor, out: Tensor) -> None:
+    """Batched product; one row of one member is doubled, as in `matvec`, since alone it is rounded otherwise."""
+    if left.shape[:2] == (1, 1):
+        out.copy_(torch.bmm(left.expand(2, -1, -1), right.expand(2, -1, -1))[:1])
+    else:
+        torch.bmm(left, right, out=out)
 
 
 def padded(size: int) -> int:
