@@ -8,6 +8,7 @@ Example:
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
@@ -15,6 +16,8 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from credit.loading import Run, load
     from credit.runner import Result, compose, run
+
+os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # TorchRL reads it once, and tells of every buffer otherwise
 
 __all__ = ["Result", "Run", "compose", "load", "run"]
 _HOMES = {"compose": "runner", "load": "loading", "Result": "runner", "Run": "loading", "run": "runner"}

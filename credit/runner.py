@@ -131,11 +131,16 @@ def run_job(
     status, error = "KILLED", None
     try:
 
+        news = job.title
+
         def note(step: int, values: dict[str, torch.Tensor]) -> None:
+            nonlocal news
             journal.log(step, {name: column.tolist() for name, column in values.items()})
             recorder.note(step)
+            if "eval/success" in values:
+                news = f"{job.title}, round {trainer.rounds}, success {float(values['eval/success'].mean()):.2f}"
 
-        trainer.run(note, lambda steps: progress(job.title, steps, trainer.steps) if progress else None)
+        trainer.run(note, lambda steps: progress(news, steps, trainer.steps) if progress else None)
         for index, folder in enumerate(fresh):
             for name, arrays in recorder.files(index).items():
                 write_arrays(folder / name, arrays)

@@ -19,7 +19,7 @@ from credit.errors import UserError
 from launch.cli import guarded
 from launch.common import Words, help_text
 
-HEADLINES = ("regret/cumulative", "policy/error", "reward/mse", "eval/success", "return/label")
+HEADLINES = ("regret/cumulative", "policy/error", "reward/mse", "eval/success", "eval/final", "eval/auc", "return/label")
 
 
 @dataclass
@@ -159,14 +159,16 @@ def bars(console: Console, jobs: int) -> Iterator[Any]:
         task, job, before = None, 0, 0
 
         def advance(title: str, steps: int, total: int) -> None:
-            """Show how far the job is."""
+            """Show how far the job is; the title says what it has come to."""
             nonlocal task, job, before
-            if task is None or steps < before:  # a job has begun
+            begun = task is None or steps < before
+            job += begun
+            shown = f"{title} ({job} of {jobs})" if jobs > 1 else title
+            if begun:
                 if task is not None:
                     progress.remove_task(task)
-                job += 1
-                task = progress.add_task(f"{title} ({job} of {jobs})" if jobs > 1 else title, total=total)
-            progress.update(task, completed=steps)
+                task = progress.add_task(shown, total=total)
+            progress.update(task, completed=steps, description=shown)
             before = steps
 
         yield advance
