@@ -19,7 +19,7 @@ from credit.errors import UserError
 from launch.cli import guarded
 from launch.common import Words, help_text
 
-HEADLINES = ("regret/cumulative", "policy/error", "reward/mse", "eval/success", "eval/final", "eval/auc", "return/label")
+HEADLINES = ("regret/cumulative", "policy/error", "reward/mse", "eval/final", "eval/auc", "return/label")
 
 
 @dataclass
@@ -164,9 +164,9 @@ def bars(console: Console, jobs: int) -> Iterator[Any]:
             begun = task is None or steps < before
             job += begun
             shown = f"{title} ({job} of {jobs})" if jobs > 1 else title
-            if begun:
-                if task is not None:
-                    progress.remove_task(task)
+            if begun and task is not None:
+                progress.remove_task(task)
+            if task is None or begun:
                 task = progress.add_task(shown, total=total)
             progress.update(task, completed=steps, description=shown)
             before = steps
