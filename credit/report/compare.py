@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+KINDS = ("diagnostics", "maps", "demonstrations", "trajectories")  # figures that not every report has
+
+
 @dataclass(frozen=True)
 class Report:
     """What a comparison left behind.
@@ -97,6 +100,7 @@ def _figures(comparisons: Sequence[Comparison], diagnostics_seed: int | None) ->
     from credit.report import style
     from credit.report.figures import curves_figure, distribution_figure
     from credit.report.heatmaps import heatmaps_figure
+    from credit.report.maze.figures import maze_figures
     from credit.report.recovered import recovered_maps
 
     figures: dict[str, Figure | None] = {}
@@ -108,6 +112,7 @@ def _figures(comparisons: Sequence[Comparison], diagnostics_seed: int | None) ->
             if maps is not None:
                 kind = "diagnostics" if maps.by_cell else "maps"
                 figures["_".join(filter(None, [kind, comparison.runs.setting]))] = heatmaps_figure(maps)
+        figures |= maze_figures(comparisons, diagnostics_seed)
     return figures
 
 
@@ -119,7 +124,7 @@ def _write(folder: Path, texts: Mapping[str, str], figures: Mapping[str, Figure 
         (folder / name).write_text(text, encoding="utf-8")
     files = [folder / name for name in texts]
     # An earlier report may have had other settings.
-    old = {path.stem for kind in ("diagnostics", "maps") for path in folder.glob(f"{kind}*.svg")}
+    old = {path.stem for kind in KINDS for path in folder.glob(f"{kind}*.svg")}
     with style.styled():
         for name, figure in {**figures, **dict.fromkeys(sorted(old - figures.keys()))}.items():
             files += style.save(figure, folder, name)

@@ -46,8 +46,8 @@ EPISODIC = (
 )
 # Success is bounded, and most reach it in the end: how soon (AUC) and how lastingly (lost) tell methods apart.
 MAZE = (
-    Measure("eval/final", "Success, last four rounds", "Success rate in the last four rounds", lower_is_better=False),
-    Measure("eval/final_averaged", "Last four, averaged actor", "Success rate in the last four", lower_is_better=False),
+    Measure("eval/final", "Success in the last four rounds", "Success rate", lower_is_better=False),
+    Measure("eval/final_averaged", "Last four, averaged actor", "Success rate", lower_is_better=False),
     AUC,
     Measure("eval/auc_averaged", "AUC, averaged actor", "Mean success rate over the rounds", lower_is_better=False),
     Measure("eval/lost", "Lost rounds", "Share of lost rounds", per="eval/learned"),
