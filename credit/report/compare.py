@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from credit.errors import UserError
 from credit.report import tables
 from credit.report.comparison import Comparison, metrics_of, summarise
+from credit.report.maze.videos import make_videos
 from credit.report.published import load_paper
 from credit.report.runs import load_runs
 
@@ -30,12 +31,14 @@ class Report:
         files: every file that was written.
         comparisons: the numbers of each setting.
         logged: what became of logging to MLflow, in one line; empty where it was not asked for.
+        remark: why videos of a maze were not made, in one line; empty where they were, or were not asked for.
     """
 
     folder: Path
     files: tuple[Path, ...]
     comparisons: tuple[Comparison, ...]
     logged: str
+    remark: str = ""
 
 
 def compare(
@@ -50,6 +53,7 @@ def compare(
     trapped_above: float = 300.0,
     reference: str = "reference",
     diagnostics_seed: int | None = None,
+    videos: bool = True,
     log: bool = True,
 ) -> Report:
     """Compare finished runs: write tables and figures to `<output>/reports/<experiment>`.
@@ -64,7 +68,9 @@ def compare(
         replicas: how many seeds.
         trapped_above: final regret above which a seed counts as trapped.
         reference: the method that the others are compared to.
-        diagnostics_seed: draw the heat maps of this seed; by default the mean over seeds.
+        diagnostics_seed: draw the maps of this seed; by default the mean over seeds. In a maze its trajectories and
+            videos too; by default those of the seed of median success.
+        videos: film the final policies in a maze, where a video is missing or older than its run.
         log: also log everything to the store that the newest training session used.
 
     Returns:
@@ -89,10 +95,11 @@ def compare(
     folder = output / "reports" / experiment
     try:
         files = _write(folder, texts, figures)
+        films, remark = make_videos(comparisons, folder, diagnostics_seed) if videos else ([], "")
     except OSError as error:
         raise UserError(f"Cannot write the report to {folder}: {error.strerror}.") from error
     logged = _log(output, experiment, folder, metrics_of(comparisons)) if log else ""
-    return Report(folder, tuple(files), comparisons, logged)
+    return Report(folder, (*files, *films), comparisons, logged, remark)
 
 
 def _figures(comparisons: Sequence[Comparison], diagnostics_seed: int | None) -> dict[str, Figure | None]:
