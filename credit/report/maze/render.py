@@ -87,10 +87,11 @@ def film(source: Path, target: Path) -> None:
         goals = data["evaluation/goals"]
     painter = Painter(maze)
     part = target.with_suffix(".part.mp4")
+    writer: Any  # its type knows no append_data
     with imageio.get_writer(part, fps=FPS, codec="libx264", quality=6) as writer:
         for states, goal in zip(episodes, goals, strict=False):
             for frame in painter.frames(states, goal):
-                writer.append_data(frame)  # type: ignore[attr-defined]
+                writer.append_data(frame)
     painter.close()
     part.replace(target)
 
