@@ -21,7 +21,8 @@ Usage: credit compare [KEY=VALUE ...]
   replicas=N             how many seeds from there (or 0) on             (all)
   reference=METHOD       the method that the others are compared to      (reference)
   trapped_above=X        final regret above which a seed is trapped      (300)
-  diagnostics_seed=N     heat maps of this seed instead of the mean      (mean over seeds)
+  diagnostics_seed=N     maps (and in a maze trajectories) of this seed  (mean; median seed)
+  videos=true|false      film the final policies in a maze               (true)
   output=DIR             where runs lie and reports go                   (outputs)
   tracking=mlflow|none   log the report beside the training runs         (mlflow)
 
@@ -69,6 +70,8 @@ def main(argv: list[str]) -> int:
     console.print(caption(*report.comparisons), style="dim")
     console.print(f"\nTables and figures in {report.folder}:", soft_wrap=True)
     console.print("  " + "  ".join(path.name for path in report.files))
+    if report.remark:
+        console.print(report.remark, soft_wrap=True)
     if report.logged:
         console.print(report.logged, soft_wrap=True)
     return 0
@@ -76,6 +79,10 @@ def main(argv: list[str]) -> int:
 
 def _tracked(text: str) -> bool:
     return {"mlflow": True, "none": False}[text]
+
+
+def _switch(text: str) -> bool:
+    return {"true": True, "false": False}[text]
 
 
 # key → argument of `compare`, how its text is read, what is allowed
@@ -89,6 +96,7 @@ READERS: dict[str, Reader] = {
     "reference": ("reference", name, "one name"),
     "trapped_above": ("trapped_above", float, "a number"),
     "diagnostics_seed": ("diagnostics_seed", whole(0), "a whole number, 0 or more"),
+    "videos": ("videos", _switch, "true or false"),
     "output": ("output", Path, "a folder"),
     "tracking": ("log", _tracked, "mlflow or none"),
 }

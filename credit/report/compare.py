@@ -11,11 +11,15 @@ from typing import TYPE_CHECKING, Any
 from credit.errors import UserError
 from credit.report import tables
 from credit.report.comparison import Comparison, metrics_of, summarise
+from credit.report.maze.videos import make_videos
 from credit.report.published import load_paper
 from credit.report.runs import load_runs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+KINDS = ("diagnostics", "maps", "demonstrations", "trajectories")  # figures that not every report has
 
 
 @dataclass(frozen=True)
@@ -27,12 +31,14 @@ class Report:
         files: every file that was written.
         comparisons: the numbers of each setting.
         logged: what became of logging to MLflow, in one line; empty where it was not asked for.
+        remark: why videos of a maze were not made, in one line; empty where they were, or were not asked for.
     """
 
     folder: Path
     files: tuple[Path, ...]
     comparisons: tuple[Comparison, ...]
     logged: str
+    remark: str = ""
 
 
 def compare(
@@ -47,6 +53,7 @@ def compare(
     trapped_above: float = 300.0,
     reference: str = "reference",
     diagnostics_seed: int | None = None,
+    videos: bool = True,
     log: bool = True,
 ) -> Report:
     """Compare finished runs: write tables and figures to `<output>/reports/<experiment>`.
@@ -61,7 +68,9 @@ def compare(
         replicas: how many seeds.
         trapped_above: final regret above which a seed counts as trapped.
         reference: the method that the others are compared to.
-        diagnostics_seed: draw the heat maps of this seed; by default the mean over seeds.
+        diagnostics_seed: draw the maps of this seed; by default the mean over seeds. In a maze its trajectories and
+            videos too; by default those of the seed of median success.
+        videos: film the final policies in a maze, where a video is missing or older than its run.
         log: also log everything to the store that the newest training session used.
 
     Returns:
@@ -86,10 +95,11 @@ def compare(
     folder = output / "reports" / experiment
     try:
         files = _write(folder, texts, figures)
+        films, remark = make_videos(comparisons, folder, diagnostics_seed) if videos else ([], "")
     except OSError as error:
         raise UserError(f"Cannot write the report to {folder}: {error.strerror}.") from error
     logged = _log(output, experiment, folder, metrics_of(comparisons)) if log else ""
-    return Report(folder, tuple(files), comparisons, logged)
+    return Report(folder, (*files, *films), comparisons, logged, remark)
 
 
 def _figures(comparisons: Sequence[Comparison], diagnostics_seed: int | None) -> dict[str, Figure | None]:
@@ -97,6 +107,7 @@ def _figures(comparisons: Sequence[Comparison], diagnostics_seed: int | None) ->
     from credit.report import style
     from credit.report.figures import curves_figure, distribution_figure
     from credit.report.heatmaps import heatmaps_figure
+    from credit.report.maze.figures import maze_figures
     from credit.report.recovered import recovered_maps
 
     figures: dict[str, Figure | None] = {}
@@ -108,6 +119,7 @@ def _figures(comparisons: Sequence[Comparison], diagnostics_seed: int | None) ->
             if maps is not None:
                 kind = "diagnostics" if maps.by_cell else "maps"
                 figures["_".join(filter(None, [kind, comparison.runs.setting]))] = heatmaps_figure(maps)
+        figures |= maze_figures(comparisons, diagnostics_seed)
     return figures
 
 
@@ -119,7 +131,7 @@ def _write(folder: Path, texts: Mapping[str, str], figures: Mapping[str, Figure 
         (folder / name).write_text(text, encoding="utf-8")
     files = [folder / name for name in texts]
     # An earlier report may have had other settings.
-    old = {path.stem for kind in ("diagnostics", "maps") for path in folder.glob(f"{kind}*.svg")}
+    old = {path.stem for kind in KINDS for path in folder.glob(f"{kind}*.svg")}
     with style.styled():
         for name, figure in {**figures, **dict.fromkeys(sorted(old - figures.keys()))}.items():
             files += style.save(figure, folder, name)

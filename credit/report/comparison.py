@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 
 from credit.report import statistics
-from credit.report.measures import REGRET, Measure, choose_measures
+from credit.report.measures import AVERAGED, MAZE, REGRET, SUCCESS, Measure, choose_measures
 from credit.report.published import PaperValues
 from credit.report.runs import PAPER_METHODS, Runs
 from credit.report.scale import Scale
@@ -27,7 +27,8 @@ class Comparison:
         measures: the columns, the primary one first.
         table: one row a method and slug. For each measure `<metric>/mean`, `/se` and `/n`, with
             `/paper_mean` and `/paper_se` where the paper has them. For the primary one also iqm,
-            difference and improvement, each with `_low` and `_high`, difference_n and trapped.
+            difference and improvement, each with `_low` and `_high`, difference_n and trapped. For others that are
+            contrasted, the columns of the difference with `<metric>/` before them.
         reference: (method, slug) of the row that the others are compared to, or None where it has no runs.
         reference_name: how that row is called in tables ("" without one).
         paper: the paper's values, or None.
@@ -48,9 +49,22 @@ class Comparison:
         return self.measures[0]
 
     @property
-    def curve(self) -> Measure:
-        """The measure that is drawn over time."""
-        return REGRET if REGRET in self.measures else self.primary
+    def contrasted(self) -> tuple[Measure, ...]:
+        """The measures for which differences to the reference are known, the primary one first."""
+        return _contrasted(self.measures)
+
+    @property
+    def curves(self) -> tuple[Measure, ...]:
+        """The measures that are drawn over time."""
+        known = self.runs.metrics
+        if REGRET.metric not in known and SUCCESS.metric in known:
+            return tuple(measure for measure in (SUCCESS, AVERAGED) if measure.metric in known)
+        return (REGRET if REGRET in self.measures else self.primary,)
+
+    @property
+    def is_maze(self) -> bool:
+        """Whether episodes are judged by success after every round."""
+        return self.primary in MAZE
 
     @property
     def rows(self) -> list[Row]:
@@ -69,6 +83,10 @@ class Comparison:
     def scale(self, measure: Measure) -> Scale:
         """How a measure's column is printed."""
         return Scale.of(self.table[f"{measure.metric}/mean"], self.table[f"{measure.metric}/se"])
+
+    def difference_column(self, measure: Measure) -> str:
+        """The column of a measure's difference to the reference, for `interval_of`."""
+        return "difference" if measure == self.primary else f"{measure.metric}/difference"
 
     @property
     def metrics(self) -> dict[str, float]:
@@ -156,6 +174,8 @@ def summarise(
         row |= _primary_columns(group, measures[0], trapped_above)
         if base is not None and (method, slug) != base[:2]:
             row |= _against(group, base[2], measures[0])
+            for measure in _contrasted(measures)[1:]:
+                row |= _difference(group, base[2], measure, f"{measure.metric}/")
         rows.append(row)
     return Comparison(
         runs=runs,
@@ -194,22 +214,30 @@ def _primary_columns(group: pd.DataFrame, measure: Measure, trapped_above: float
 
 
 def _against(group: pd.DataFrame, base: pd.DataFrame, measure: Measure) -> dict[str, float]:
-    ours, theirs = _scores(group, measure), _scores(base, measure)
+    ours, theirs = _scores(group, measure)["score"], _scores(base, measure)["score"]
     if not len(ours) or not len(theirs):
         return {}
+    better = statistics.probability_of_improvement(ours, theirs, lower_is_better=measure.lower_is_better)
+    return _difference(group, base, measure) | _columns("improvement", better)
+
+
+def _difference(group: pd.DataFrame, base: pd.DataFrame, measure: Measure, prefix: str = "") -> dict[str, float]:
+    common = set(_scores(group, measure)["seed"]) & set(_scores(base, measure)["seed"])
+    # a pooled share is taken over the seeds that are compared
+    ours, theirs = (_scores(part[part["seed"].isin(common)], measure) for part in (group, base))
     x, y = statistics.pair_by_seed(ours["seed"], ours["score"], theirs["seed"], theirs["score"])
-    better = statistics.probability_of_improvement(
-        ours["score"], theirs["score"], lower_is_better=measure.lower_is_better
-    )
-    return {
-        **_columns("difference", statistics.paired_difference(x, y)),
-        "difference_n": len(x),
-        **_columns("improvement", better),
-    }
+    return {**_columns(f"{prefix}difference", statistics.paired_difference(x, y)), f"{prefix}difference_n": len(x)}
+
+
+def _contrasted(measures: tuple[Measure, ...]) -> tuple[Measure, ...]:
+    return measures if measures[0] in MAZE else measures[:1]
 
 
 def _scores(group: pd.DataFrame, measure: Measure) -> pd.DataFrame:
     """The seeds that know the measure, as columns seed and score."""
+    if measure.per:
+        known = group[["seed", measure.metric, measure.per]].dropna()
+        return known.assign(score=statistics.pooled(known[measure.metric], known[measure.per])).dropna()
     known = group[["seed", measure.metric]].dropna()
     return known.rename(columns={measure.metric: "score"})
 

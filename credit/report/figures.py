@@ -13,7 +13,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from credit.report import statistics, style
 from credit.report.comparison import Comparison, display_name, interval_of, ordered_groups
-from credit.report.measures import Measure
+from credit.report.measures import AVERAGED, SUCCESS, Measure
 from credit.report.runs import load_curves
 from credit.report.text import heading
 
@@ -21,6 +21,7 @@ Array = statistics.Array
 Key = tuple[str, str]  # method and slug
 
 COLUMNS = 2  # panels side by side
+POLICIES = {SUCCESS: "Current actor", AVERAGED: "Averaged actor"}
 POINTS = "points: seeds; circle and bar: interquartile mean, 95% interval"
 
 
@@ -35,7 +36,7 @@ class Look:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """One line of the curves figure: steps [L], mean and 95% interval [L] over seeds."""
+    """One line of the curves figure: steps (in a maze, trajectories) [L], mean and 95% interval [L] over seeds."""
 
     look: Look
     recovers: bool
@@ -59,7 +60,8 @@ def curves_figure(comparisons: Sequence[Comparison]) -> Figure | None:
     """Mean and 95% interval over seeds of a metric against primitive steps (the paper's Figures 2 and 3).
 
     Of one setting the left panel holds all methods; where those that recover a reward lie close together at its
-    foot, a second panel enlarges their range. Of several, each has a panel.
+    foot, a second panel enlarges their range. Of several, each has a panel. In a maze the axis counts trajectories, and
+    each policy that is evaluated has a panel (Figure 4).
 
     Args:
         comparisons: one a setting.
@@ -68,19 +70,23 @@ def curves_figure(comparisons: Sequence[Comparison]) -> Figure | None:
         The figure, or None where no run has a curve.
     """
     looks = _looks(comparisons)
-    drawn = [(comparison, lines) for comparison in comparisons if (lines := _curves(comparison, looks))]
+    every = [(comparison, measure) for comparison in comparisons for measure in comparison.curves]
+    drawn = [(*panel, lines) for panel in every if (lines := _curves(*panel, looks))]
     if not drawn:
         return None
-    if len(comparisons) == 1:
+    if len(every) == 1 and not comparisons[0].is_maze:
         figure = _one_setting(*drawn[0])
     else:
         letters = _letters(_two_lines(look.name) for look in looks.values())
         figure, panels = _panels(len(drawn), 4.0 + 0.07 * letters, 4.1)
-        for panel, (comparison, lines) in zip(panels, drawn, strict=True):
-            _draw(panel, lines, comparison.curve, (_floor(lines), 1.04 * max(line.ceiling for line in lines)))
+        for panel, (comparison, measure, lines) in zip(panels, drawn, strict=True):
+            top = 1.02 if comparison.is_maze else 1.04 * max(line.ceiling for line in lines)
+            _draw(panel, lines, measure, (0.0 if comparison.is_maze else _floor(lines), top))
             style.label_ends(panel, [line.label for line in lines])
-            panel.set_title(heading(comparison.runs))
-    figure.supxlabel("Primitive environment steps (mean over seeds and 95% interval)", fontsize=9)
+            policy = POLICIES.get(measure, "") if comparison.is_maze else ""
+            panel.set_title(": ".join(filter(None, [heading(comparison.runs), policy])))
+    unit = "Online trajectories after the demonstrations" if comparisons[0].is_maze else "Primitive environment steps"
+    figure.supxlabel(f"{unit} (mean over seeds and 95% interval)", fontsize=9)
     return figure
 
 
@@ -122,14 +128,14 @@ def _panels(number: int, width: float, height: float, *, sharey: bool = False) -
     return figure, list(panels[:number])
 
 
-def _one_setting(comparison: Comparison, lines: list[Curve]) -> Figure:
+def _one_setting(comparison: Comparison, measure: Measure, lines: list[Curve]) -> Figure:
     top = max(line.ceiling for line in lines)
     inner = [line.ceiling for line in lines if line.recovers]
     zoomed = bool(inner) and len(inner) < len(lines) and max(inner) < 0.5 * top
     figure = Figure(figsize=(10.5 if zoomed else 6.2, 3.9), layout="constrained")
     panels = figure.subplots(1, 2 if zoomed else 1, squeeze=False)[0]
     bottom = _floor(lines)
-    _draw(panels[0], lines, comparison.curve, (bottom, 1.04 * top))
+    _draw(panels[0], lines, measure, (bottom, 1.04 * top))
     if not zoomed:
         style.label_ends(panels[0], [line.label for line in lines])
         panels[0].set_title(heading(comparison.runs))
@@ -140,7 +146,7 @@ def _one_setting(comparison: Comparison, lines: list[Curve]) -> Figure:
     middle = ((bottom + edge) / 2, "enlarged at right", "#555555")
     style.label_ends(panels[0], [*(line.label for line in outside), middle])
     panels[0].set_title(": ".join(filter(None, [heading(comparison.runs), "All methods"])))
-    _draw(panels[1], lines, comparison.curve, (bottom, edge))
+    _draw(panels[1], lines, measure, (bottom, edge))
     style.label_ends(panels[1], [line.label for line in lines if line not in outside])
     panels[1].set_title("Enlarged: methods that recover a reward")
     return figure
@@ -159,14 +165,15 @@ def _looks(comparisons: Sequence[Comparison]) -> dict[Key, Look]:
     return looks
 
 
-def _curves(comparison: Comparison, looks: Mapping[Key, Look]) -> list[Curve]:
+def _curves(comparison: Comparison, measure: Measure, looks: Mapping[Key, Look]) -> list[Curve]:
     lines = []
+    unit = comparison.runs.window if comparison.is_maze else 1  # every window has the length of the horizon there
     for method, slug, group in ordered_groups(comparison.runs):
-        loaded = load_curves(group, comparison.curve.metric)
+        loaded = load_curves(group, measure.metric)
         if loaded is None:
             continue
         recovers = "reward/mse" in group and bool(group["reward/mse"].notna().any())
-        lines.append(Curve(looks[method, slug], recovers, loaded[0], *statistics.mean_band(loaded[1])))
+        lines.append(Curve(looks[method, slug], recovers, loaded[0] / unit, *statistics.mean_band(loaded[1])))
     return lines
 
 

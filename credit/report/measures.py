@@ -10,12 +10,16 @@ from credit.errors import UserError
 
 @dataclass(frozen=True)
 class Measure:
-    """A metric that a table shows: its column in the journal, its title, and which direction is better."""
+    """A metric that a table shows: its column in the journal, its title, and which direction is better.
+
+    `per` is another metric by which it is divided, the sum over seeds by the sum over seeds.
+    """
 
     metric: str
     title: str
     axis: str
     lower_is_better: bool = True
+    per: str = ""
 
 
 REGRET = Measure("regret/cumulative", "Final regret", "Cumulative regret")
@@ -23,6 +27,8 @@ SHARE = Measure("regret/share", "Share of random's regret", "Regret as a share o
 SUCCESS = Measure("eval/success", "Success rate", "Success rate", lower_is_better=False)
 RETURN = Measure("return/label", "Return", "Return", lower_is_better=False)
 MSE = Measure("reward/mse", "Mixed reward MSE", "Mixed reward MSE")
+AVERAGED = Measure("eval/success_averaged", "Success rate, averaged actor", "Success rate", lower_is_better=False)
+AUC = Measure("eval/auc", "AUC of success", "Mean success rate over the rounds", lower_is_better=False)
 
 CONTINUING = (
     REGRET,
@@ -38,6 +44,15 @@ EPISODIC = (
     Measure("return/policy", "Value of the policy", "Value of the executed policy", lower_is_better=False),
     MSE,
 )
+# Success is bounded, and most reach it in the end: how soon (AUC) and how lastingly (lost) tell methods apart.
+MAZE = (
+    Measure("eval/final", "Success in the last four rounds", "Success rate", lower_is_better=False),
+    Measure("eval/final_averaged", "Last four, averaged actor", "Success rate", lower_is_better=False),
+    AUC,
+    Measure("eval/auc_averaged", "AUC, averaged actor", "Mean success rate over the rounds", lower_is_better=False),
+    Measure("eval/lost", "Lost rounds", "Share of lost rounds", per="eval/learned"),
+    Measure("eval/lost_averaged", "Lost, averaged actor", "Share of lost rounds", per="eval/learned_averaged"),
+)
 
 
 def choose_measures(known: Sequence[str], experiment: str) -> tuple[Measure, ...]:
@@ -50,8 +65,10 @@ def choose_measures(known: Sequence[str], experiment: str) -> tuple[Measure, ...
     Raises:
         UserError: no run has a metric that methods can be compared by.
     """
-    wanted = EPISODIC if SHARE.metric in known else CONTINUING
-    measures = tuple(measure for measure in wanted if measure.metric in known)
+    wanted: tuple[Measure, ...] = EPISODIC if SHARE.metric in known else CONTINUING
+    if MAZE[0].metric in known and REGRET.metric not in known:
+        wanted = MAZE
+    measures = tuple(measure for measure in wanted if {measure.metric, measure.per or measure.metric} <= set(known))
     if not {REGRET.metric, SUCCESS.metric, SHARE.metric} & set(known) and RETURN.metric in known:
         measures = (RETURN, *measures)
     if not measures:

@@ -39,6 +39,11 @@ class Runs:
     setting: str = ""
 
     @property
+    def window(self) -> int:
+        """Steps of a whole window; of the first setting where there are several."""
+        return int(json.loads(self.frame["feedback"].iloc[0])["window"])
+
+    @property
     def metrics(self) -> list[str]:
         """Names of the final metrics that at least one run knows."""
         names = [column for column in self.frame.columns if column not in IDENTITY]

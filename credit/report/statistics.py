@@ -43,6 +43,25 @@ def mean_and_error(scores: ArrayLike) -> tuple[float, float]:
     return float(x.mean()), float(x.std(ddof=1) / np.sqrt(x.size)) if x.size > 1 else float("nan")
 
 
+def pooled(amounts: ArrayLike, bases: ArrayLike) -> Array:
+    """Scores whose mean is Σa/Σb and whose standard error is that of this ratio: R + (a − R b)/b̄ (linearised).
+
+    Source: the ratio estimator of survey sampling, Cochran 1977, "Sampling techniques", section 6.4.
+
+    Args:
+        amounts: [n] a, one a seed.
+        bases: [n] b, what each is a part of.
+
+    Returns:
+        [n] one score a seed; NaN where all bases are zero.
+    """
+    a, b = np.asarray(amounts, dtype=float), np.asarray(bases, dtype=float)
+    if not b.any():
+        return np.full_like(a, np.nan)
+    ratio = a.sum() / b.sum()
+    return np.asarray(ratio + (a - ratio * b) / b.mean())
+
+
 def mean_band(values: ArrayLike) -> tuple[Array, Array, Array]:
     """Pointwise mean and t-interval over seeds, x̄ ± t(n−1) s/√n.
 

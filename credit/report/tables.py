@@ -43,8 +43,9 @@ class Grid:
 
 
 def grids(comparison: Comparison) -> list[Grid]:
-    """The cells in two tables: means beside the paper's, and what sets the methods apart."""
-    return [_means(comparison), _contrasts(comparison)]
+    """The cells as tables: means beside the paper's, what sets the methods apart, and by other measures."""
+    more = comparison.reference is not None and len(comparison.contrasted) > 1
+    return [_means(comparison), _contrasts(comparison), *([_differences(comparison)] if more else [])]
 
 
 def terminal_tables(comparison: Comparison, width: int = 100) -> list[Table]:
@@ -183,6 +184,21 @@ def _contrasts(comparison: Comparison) -> Grid:
             ]
         rows.append(cells)
     return Grid(f"{comparison.primary.title}{scale.unit} [95% interval]", header, rows)
+
+
+def _differences(comparison: Comparison) -> Grid:
+    others = {measure: comparison.scale(measure) for measure in comparison.contrasted[1:]}
+    rows = []
+    for row in comparison.rows:
+        cells: list[Cell] = [(row["name"], "")]
+        for measure, scale in others.items():
+            column = comparison.difference_column(measure)
+            cells.append(
+                ("reference", "") if comparison.is_reference(row) else _interval(scale, row, column, signed=True)
+            )
+        rows.append(cells)
+    header = ["Method", *(measure.title + scale.unit for measure, scale in others.items())]
+    return Grid(f"Difference to {comparison.reference_name} [95% interval]", header, rows)
 
 
 def _interval(scale: Scale, row: Row, name: str, signed: bool = False) -> Cell:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from credit.report.comparison import Comparison, interval_of
+from credit.report.measures import AUC, Measure
 from credit.report.runs import Runs
 
 
@@ -45,16 +46,31 @@ def _explained(comparison: Comparison) -> list[str]:
         )
     if comparison.counts_trapped:
         parts.append(f"trapped seeds end with a regret above {comparison.trapped_above:g}")
+    if comparison.is_maze:
+        parts.append("AUC is the mean success rate over all rounds")
+        parts.append(
+            "lost rounds are those with a success rate below .6 after a round with .9 or more, as a share of all after "
+            "such a round, pooled over seeds"
+        )
+        parts.append("the averaged actor has a moving average of the policy's weights and is only evaluated")
     return parts
 
 
 def _differences(comparison: Comparison) -> list[str]:
     if comparison.reference is None:
         return ["No run of the reference method is among these: no differences are shown."]
-    scale = comparison.scale(comparison.primary)
+    told = [comparison.primary, *({AUC} & set(comparison.contrasted[1:]))]
+    lines = [line for measure in told for line in _verdicts(comparison, measure)]
+    if any(pd.notna(interval_of(row, "difference").low) for row in comparison.rows):
+        lines.append("Each interval holds at 95% on its own; none is corrected for the number of comparisons.")
+    return lines
+
+
+def _verdicts(comparison: Comparison, measure: Measure) -> list[str]:
+    scale, column = comparison.scale(measure), comparison.difference_column(measure)
     found: dict[str, list[str]] = {"lower": [], "higher": [], "open": [], "unknown": []}
     for row in comparison.rows:
-        difference = interval_of(row, "difference")
+        difference = interval_of(row, column)
         if comparison.is_reference(row):
             continue
         if pd.isna(difference.low):
@@ -62,15 +78,12 @@ def _differences(comparison: Comparison) -> list[str]:
             continue
         verdict = ("lower" if difference.value < 0 else "higher") if difference.excludes_zero else "open"
         numbers = f"{scale.number(difference.value, signed=True)} {scale.ends(difference, signed=True)}"
-        found[verdict].append(f"{row['name']} {numbers}, n = {row['difference_n']:.0f}")
-    title, name = comparison.primary.title + scale.unit, comparison.reference_name
+        found[verdict].append(f"{row['name']} {numbers}, n = {row[column + '_n']:.0f}")
+    title, name = measure.title + scale.unit, comparison.reference_name
     openings = {
         "lower": f"{title} is lower than that of {name}, the interval excludes zero",
         "higher": f"{title} is higher than that of {name}, the interval excludes zero",
         "open": f"{title} is not shown to differ from that of {name}, the interval includes zero",
         "unknown": f"No interval against {name}, fewer than two common seeds",
     }
-    lines = [f"{openings[verdict]}: {'; '.join(names)}." for verdict, names in found.items() if names]
-    if any(found[verdict] for verdict in ("lower", "higher", "open")):
-        lines.append("Each interval holds at 95% on its own; none is corrected for the number of comparisons.")
-    return lines
+    return [f"{openings[verdict]}: {'; '.join(names)}." for verdict, names in found.items() if names]

@@ -142,7 +142,18 @@ def test_command_line_problems_are_reported_together():
 def test_help_names_every_key_without_loading_pandas():
     code = "import sys; from launch.compare import main; main(['--help']); sys.exit('pandas' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    for key in ("experiment", "method", "slug", "feedback", "seed", "replicas", "reference", "output", "tracking"):
+    for key in (
+        "experiment",
+        "method",
+        "slug",
+        "feedback",
+        "seed",
+        "replicas",
+        "reference",
+        "videos",
+        "output",
+        "tracking",
+    ):
         assert f"  {key}=" in done.stdout
 
 

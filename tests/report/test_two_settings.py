@@ -64,7 +64,7 @@ def test_episodes_are_compared_by_the_share_of_randoms_regret(comparisons: list[
         assert [measure.metric for measure in comparison.measures] == [
             *("regret/share", "regret/cumulative", "return/policy", "reward/mse")
         ]
-        assert comparison.curve.metric == "regret/cumulative"
+        assert [measure.metric for measure in comparison.curves] == ["regret/cumulative"]
         assert not comparison.counts_trapped
     assert "rapped" not in markdown(*comparisons)
 
