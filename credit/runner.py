@@ -130,7 +130,6 @@ def run_job(
         write_yaml(folder / "config.yaml", {**config, "seed": seed, "replicas": 1, "rerun": False})
     status, error = "KILLED", None
     try:
-
         news = job.title
 
         def note(step: int, values: dict[str, torch.Tensor]) -> None:

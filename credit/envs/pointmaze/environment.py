@@ -24,6 +24,7 @@ from credit.trajectories import ContinuousProblem, Moves, Trajectories
 from credit.types import FLOAT, NonNegativeInt, Positive, PositiveInt
 
 OBSERVATIONS, ACTIONS = 4, 2
+PACE = 3.0  # m/s, of the moves in pictures
 PARTS = ("states", "lengths", "labels")  # of trajectories in a picture
 
 
@@ -148,16 +149,25 @@ class PointMaze(Environment):
         return MazeOracle(problem, self._evaluate, lambda: self.taken)
 
     def grid(self, per_cell: int = 4) -> Moves:
-        """Balls at rest, per_cell² in each free cell, that do not push: where pictures look at a reward [N]."""
+        """Where pictures look at a reward [N]: per_cell² places in each free cell from which the goal can be reached.
+
+        At each the ball moves, and is pushed, towards the next cell of a shortest way. A ball at rest would look like
+        what it is in the data: a trajectory that came so far and no further.
+        """
         offset = (torch.arange(per_cell) + 0.5) / per_cell - 0.5
-        centres = torch.tensor([self.maze.xy(cell) for cell in self.maze.free])
-        x, y = (
-            centres[:, axis].view(-1, 1, 1) + offset.view(shape) for axis, shape in ((0, (1, 1, -1)), (1, (1, -1, 1)))
+        within = torch.cartesian_prod(offset, offset)
+        cells = [cell for cell in self.maze.free if self.maze.connects(cell, self.goal)]
+        ahead = [self.maze.path(cell, self.goal)[:2][-1] for cell in cells]  # of the goal, the goal
+        centres, targets = (torch.tensor([self.maze.xy(cell) for cell in part]).unsqueeze(1) for part in (cells, ahead))
+        places = (centres + within).flatten(0, 1)
+        ways = (targets - centres).expand(-1, len(within), -1).flatten(0, 1)
+        ways = torch.where(
+            ways.abs().sum(1, keepdim=True) > 0, ways, places.new_tensor(self.maze.xy(self.goal)) - places
         )
-        places = torch.stack(torch.broadcast_tensors(x, y), -1).view(-1, 2).float()
-        states = torch.cat([places, torch.zeros_like(places)], 1).to(self._problem.device)
-        still = torch.zeros_like(states[:, :ACTIONS])
-        return Moves(states, still, states, torch.zeros(len(states), dtype=torch.int64, device=states.device))
+        actions = torch.nn.functional.normalize(ways)
+        states = torch.cat([places, PACE * actions], dim=1).to(self._problem.device)
+        whose = torch.zeros(len(states), dtype=torch.int64, device=states.device)
+        return Moves(states, actions.to(states.device), states, whose)
 
     def picture(self, replica: int) -> dict[str, np.ndarray]:
         """The maze, the demonstrations of a run, and its last evaluation.

@@ -123,15 +123,7 @@ class Maze:
         """
         self.require_free("start", start)
         self.require_free("goal", goal)
-        before: dict[Cell, Cell] = {start: start}
-        queue = deque([start])
-        while queue:
-            here = queue.popleft()
-            for down, right in MOVES:
-                there = (here[0] + down, here[1] + right)
-                if there not in before and self.is_free(there):
-                    before[there] = here
-                    queue.append(there)
+        before = self._tree(start)
         if goal not in before:
             raise UserError(
                 f"maze {self.name} has no path from start {start} to goal {goal}: "
@@ -141,6 +133,23 @@ class Maze:
         while path[-1] != start:
             path.append(before[path[-1]])
         return tuple(reversed(path))
+
+    def connects(self, start: Cell, goal: Cell) -> bool:
+        """Whether there is a path between two free cells."""
+        return goal in self._tree(start)
+
+    def _tree(self, start: Cell) -> dict[Cell, Cell]:
+        """Every cell that can be reached, and the one before it on a shortest path."""
+        before: dict[Cell, Cell] = {start: start}
+        queue = deque([start])
+        while queue:
+            here = queue.popleft()
+            for down, right in MOVES:
+                there = (here[0] + down, here[1] + right)
+                if there not in before and self.is_free(there):
+                    before[there] = here
+                    queue.append(there)
+        return before
 
 
 def robotics(file: str) -> Path:

@@ -35,7 +35,7 @@ class Beliefs:
         seeds: how many.
         journal: the maze. states: the points, x and y (m) [N, 2].
         trajectories: online trajectories before each refit.
-        rewards: model → learned reward of a step there at rest; the mixture last, where there are several models.
+        rewards: model → learned reward of a step there towards the goal; the mixture last, where there are several models.
         weights: model → weight in the mixture; empty where there is one model.
         best: the model that is locally best in most seeds, as its place in `weights`; None where there is one.
     """
@@ -131,7 +131,7 @@ def beliefs_figure(title: str, beliefs: Beliefs) -> Figure:
         _draw_row(row, beliefs, values, SHADES, scale, "mixture" if model == "mixed" else model)
         bar = parts[0].colorbar(ScalarMappable(scale, SHADES), ax=list(row), extend="both", fraction=0.04, pad=0.02)
         _quiet(bar)
-    parts[0].suptitle("Learned reward of a step at rest", fontsize=9, fontweight="bold")
+    parts[0].suptitle("Learned reward of a step towards the goal", fontsize=9, fontweight="bold")
     if beliefs.best is not None:
         _draw_weights(parts[1], beliefs, beliefs.best)
     for part in parts:
