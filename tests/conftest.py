@@ -6,13 +6,16 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from hypothesis import settings
+from torch import Tensor
 
 from credit import job, registry, schema
 from credit.envs.advertiser import Advertiser
 from credit.trainer import Trainer
+from credit.trajectories import ContinuousProblem, Moves, Trajectories
 from credit.types import Problem, Windows
 
 torch.set_num_threads(1)
@@ -69,3 +72,52 @@ def make_windows() -> Callable[..., Windows]:
         return Windows(states, actions, arrivals, reward[states, actions].sum(-1) + 0.2 * noise)
 
     return make
+
+
+@pytest.fixture(scope="session")
+def make_walks() -> Callable[..., tuple[ContinuousProblem, Trajectories]]:
+    """`make_walks(seeds, count, kind)`: random walks in x ≤ .3 of the square, labelled by the sum of `worth(states)`.
+
+    A seed's walks depend on the seed alone; rows of replicas take turns. `kind="success"` labels with 1 what is above
+    the median.
+    """
+
+    def make(
+        seeds: Sequence[int] = (0,), count: int = 40, kind: str = "sum", window: int = 40
+    ) -> tuple[ContinuousProblem, Trajectories]:
+        parts: list[tuple[Tensor, int, int]] = []
+        for number in range(count):
+            for replica, seed in enumerate(seeds):
+                generator = np.random.default_rng([seed, number])
+                path = generator.uniform(-1, 1, 2) + generator.normal(0, 0.15, (window, 2)).cumsum(0)
+                path[:, 0] = 0.3 - abs(path[:, 0].clip(-1, 1) - 0.3)
+                states = torch.from_numpy(path.clip(-1, 1)[: generator.integers(window // 2, window + 1)]).float()
+                parts.append((states, replica, number))
+        lengths = torch.tensor([len(states) for states, *_ in parts])
+        states = torch.cat([states for states, *_ in parts])
+        final = torch.zeros(len(states), dtype=torch.bool)
+        final[lengths.cumsum(0) - 1] = True
+        labels = torch.tensor([worth(states).sum().item() for states, *_ in parts], dtype=torch.float64)
+        labels = labels.view(count, len(seeds)).T.contiguous()
+        if kind == "success":
+            labels = (labels > labels.median(1, keepdim=True).values).double()
+        problem = ContinuousProblem(2, 1, window, tuple(seeds), torch.device("cpu"))
+        replica, number = (torch.tensor([part[i] for part in parts]).repeat_interleave(lengths) for i in (1, 2))
+        actions = torch.zeros(len(states), 1)
+        rows = (states, actions, states, replica, number, final, torch.zeros_like(final))
+        return problem, Trajectories(*rows, labels=labels)
+
+    return make
+
+
+def worth(states: Tensor) -> Tensor:
+    """A smooth reward of places [N, 2], of which about 40 make a label of unit scale."""
+    return 0.075 * ((3 * states[:, 0]).sin() + 1.5 * states[:, 1])
+
+
+@pytest.fixture(scope="session")
+def square() -> tuple[Moves, Tensor]:
+    """Places all over the square [N, 2] as moves of replica 0, and what each is worth."""
+    states = torch.rand(2000, 2, generator=torch.Generator().manual_seed(0)) * 2 - 1
+    moves = Moves(states, torch.zeros(2000, 1), states, torch.zeros(2000, dtype=torch.int64))
+    return moves, worth(states)
