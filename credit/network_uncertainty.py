@@ -24,7 +24,7 @@ LEVELS = 2**16  # of a random number that decides whether a unit is kept: two by
 class Dropout(NetworkUncertainty):
     """MC dropout, as in the paper (4.1): mean and variance over some passes, each with other units dropped.
 
-    A pass is one thinned network for all rows, drawn anew at every prediction. That has the same mean and variance as
+    A pass is one thinned network for all rows, drawn anew after every fit. That has the same mean and variance as
     masks of their own for every row, without the cost of drawing those; and a pass is a function of the state.
     What is kept is not scaled up: networks are trained with dropped units, and predict with dropped units.
 
@@ -90,6 +90,7 @@ class Thinned(Posterior):
         self._networks, self._passes, self._rate = networks, passes, rate
         self._training = generators(problem.seeds, f"{name}/dropout in training")
         self._prediction = generators(problem.seeds, f"{name}/dropout in prediction")
+        self._thin()
 
     def masks(self, rows: int) -> Sequence[Tensor]:
         """Fresh masks for every row."""
@@ -97,14 +98,16 @@ class Thinned(Posterior):
         drawn = [_kept(g, shape, self._rate) for g in self._training]
         return torch.from_numpy(np.stack(drawn, 1)).to(device).unbind()
 
+    def fitted(self, inputs: Tensor, shares: Tensor) -> None:
+        """Thin the networks anew: until the next fit, whoever looks sees the same."""
+        self._thin()
+
     def predictor(self, replica: int) -> Predictor:
-        """Mean and variance over fresh thinned networks, which share the work of the first layer."""
-        width, depth, generator = self._networks.shape.width, self._networks.shape.depth, self._prediction[replica]
+        """Mean and variance over thinned networks, which share the work of the first layer."""
         layers = member(self._networks, replica)
-        kept = torch.from_numpy(_kept(generator, (self._passes, depth, width), self._rate)).to(layers[0].weight.device)
         passes = [
             [Layer(layer.weight * mask, *layer[1:]) for layer, mask in zip(layers[1:], masks, strict=True)]
-            for masks in kept
+            for masks in self._kept[replica]
         ]
 
         def predict(rows: Tensor) -> tuple[Tensor, Tensor]:
@@ -112,6 +115,12 @@ class Thinned(Posterior):
             return moments(torch.stack([output(hidden(first, rest[:-1]), rest[-1]) for rest in passes]))
 
         return predict
+
+    def _thin(self) -> None:
+        """What each pass keeps of each replica's hidden layers, [R, passes, depth, width]."""
+        shape = (self._passes, self._networks.shape.depth, self._networks.shape.width)
+        drawn = np.stack([_kept(g, shape, self._rate) for g in self._prediction])
+        self._kept = torch.from_numpy(drawn).to(self._networks.flat.device)
 
 
 class WithPriors(Posterior):

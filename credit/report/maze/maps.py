@@ -35,7 +35,7 @@ class Beliefs:
         seeds: how many.
         journal: the maze. states: the points, x and y (m) [N, 2].
         trajectories: online trajectories before each refit.
-        rewards: model → learned reward of a step there towards the goal; the mixture last, where there are several models.
+        rewards: model → learned reward of a step towards the goal; the mixture last, where there are several.
         weights: model → weight in the mixture; empty where there is one model.
         best: the model that is locally best in most seeds, as its place in `weights`; None where there is one.
     """
