@@ -163,5 +163,8 @@ class Trainer(Component):
 
     def _learn(self, windows: SomeWindows, primitive: Tensor) -> None:
         self.dataset.append(replace(windows, primitive=primitive) if self._shows_primitive else windows)
-        self.assigner.observe(self.dataset)
-        self.optimizer.improve(self.dataset, self.assigner)
+        try:
+            self.assigner.observe(self.dataset)
+            self.optimizer.improve(self.dataset, self.assigner)
+        except RunError as error:
+            raise RunError(f"after {self.collected} windows: {error}") from error

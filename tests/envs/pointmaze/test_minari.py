@@ -102,9 +102,10 @@ def test_an_environment_starts_from_them(medium: Task, store: Path) -> None:
     assert found.labels.tolist() == [[1, 0]] * 2
     assert found.lengths.tolist() == [[len(path.actions) for path in paths]] * 2
     assert found.sums(primitive).tolist() == [[1, 0]] * 2
+    missing = PointMaze(demonstrations_from="pointmaze/none-v0")
+    problem = missing.problem(300, (0,), "cpu")
     with pytest.raises(UserError, match="`minari download pointmaze/none-v0`"):
-        missing = PointMaze(demonstrations_from="pointmaze/none-v0")
-        missing.start(missing.problem(300, (0,), "cpu"))
+        missing.start(problem)
 
 
 def test_cut_at_the_goal_and_at_the_horizon(corridor: Task) -> None:
