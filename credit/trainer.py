@@ -98,6 +98,7 @@ class Trainer(Component):
         self.oracle: Oracle = self.env.oracle(self.problem, self.feedback)
         self.dataset: SomeDataset = Dataset(self.problem, whole) if tabular else TrajectoryDataset(self.problem)
         self._shows_primitive = any(model.sees_primitive for model in getattr(self.assigner, "models", ()))
+        self.rounds = 0  # that were learned from
         self.collected = 0  # windows of each replica, without demonstrations
 
     def run(self, log: Log, progress: Callable[[int], None] = lambda steps: None) -> None:
@@ -167,4 +168,5 @@ class Trainer(Component):
             self.assigner.observe(self.dataset)
             self.optimizer.improve(self.dataset, self.assigner)
         except RunError as error:
-            raise RunError(f"after {self.collected} windows: {error}") from error
+            raise RunError(f"round {self.rounds}: {error}") from error
+        self.rounds += 1

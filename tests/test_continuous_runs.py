@@ -213,7 +213,7 @@ def test_a_network_that_is_no_number_stops_the_run_and_says_when() -> None:
 
     trainer.optimizer.act = lambda states, step: torch.zeros(len(states), 2)  # type: ignore[method-assign]
     trainer.oracle.metrics = lambda policies, recovery: {}  # type: ignore[method-assign]
-    with pytest.raises(RunError, match="after 4 windows: SAC: a weight of the actor of seed 8 is not finite"):
+    with pytest.raises(RunError, match="round 2: SAC: a weight of the actor of seed 8 is not finite"):
         trainer.run(spoil)
 
 
