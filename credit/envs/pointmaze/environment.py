@@ -97,6 +97,7 @@ class PointMaze(Environment):
         """
         self._problem, self._task = problem, self.task(problem.window)
         self._read = self._found() if self.demonstrations_from else None
+        self._driven: dict[int, Demonstrations] = {}
         if self.one_sided == "stop" and (known := self.demonstrations_of(problem.seeds[0])).one_sided:
             raise UserError(f"env.one_sided=stop: {describe(known)} one_sided=go_on trains nevertheless")
         self._rounds: dict[int, Rounds] = {}  # K → what collects K trajectories of each replica
@@ -125,7 +126,9 @@ class PointMaze(Environment):
         """The demonstrations of one run."""
         if self._read is not None:
             return self._read
-        return make(self._task, self.successes, self.partials, self.failures, seed)
+        if seed not in self._driven:
+            self._driven[seed] = make(self._task, self.successes, self.partials, self.failures, seed)
+        return self._driven[seed]
 
     def collect(self, act: Act, feedback: Feedback, windows: int, steps: int) -> tuple[Trajectories, Tensor]:
         """Some whole trajectories of each replica, and their primitive rewards [N]; the feedback sees 1 at the goal."""
