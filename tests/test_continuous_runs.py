@@ -59,6 +59,11 @@ def run(trainer: Trainer) -> Journal:
     return journal
 
 
+def same(mine: dict[str, Tensor], theirs: dict[str, Tensor]) -> None:
+    """To the last bit."""
+    torch.testing.assert_close(mine, theirs, rtol=0, atol=0, equal_nan=True)
+
+
 class Place(FeatureMap):
     """The state."""
 
@@ -129,8 +134,8 @@ def test_demonstrations_are_learned_from_before_the_first_round() -> None:
     assert [step for step, _ in journal] == [0, 2 * H, 4 * H]
     assert told == [2 * H, 4 * H, 4 * H]
     assert (trainer.collected, len(trainer.dataset)) == (4, 7)
-    start = journal[0][1]
-    assert start["collect/steps"].tolist() == [0, 0]
+    start = {name: value.tolist() for name, value in journal[0][1].items() if value.isfinite().all()}
+    assert start["collect/steps"] == [0, 0]
     assert "eval/success" in start
     assert "eval/auc" not in start  # not a round
     assert "return/label" not in start
@@ -169,12 +174,12 @@ def test_a_run_is_the_same_again_and_a_replica_is_the_same_alone(make: Callable[
     journal = run(batch)
     whole = batch.dataset.windows
     for (_, mine), (_, theirs) in zip(journal, run(again), strict=True):
-        assert all(torch.equal(mine[name], theirs[name]) for name in mine | theirs)
+        same(mine, theirs)
     for r, seed in enumerate(seeds):
         alone, rows = trainer_of((seed,), make()), whole.replica == r
         for (_, single), (_, together) in zip(run(alone), journal, strict=True):
             for name in single:
-                torch.testing.assert_close(single[name][0], together[name][r], rtol=1e-6, atol=1e-9)
+                torch.testing.assert_close(single[name][0], together[name][r], rtol=1e-6, atol=1e-9, equal_nan=True)
         for name in ("states", "actions", "next_states", "number"):
             assert torch.equal(getattr(alone.dataset.windows, name), getattr(whole, name)[rows]), name
         assert torch.equal(alone.dataset.windows.labels[0], whole.labels[r])
@@ -197,7 +202,7 @@ def test_only_who_declares_it_is_shown_primitive_rewards() -> None:
 def test_a_poisoned_primitive_reward_changes_nothing_but_for_the_oracle() -> None:
     plain, poisoned = (trainer_of((0, 1), lines(), env=maze(poison=poison)) for poison in (False, True))
     for (_, values), (_, hidden) in zip(run(plain), run(poisoned), strict=True):
-        assert all(torch.equal(values[name], hidden[name]) for name in values | hidden)
+        same(values, hidden)
     assert torch.equal(plain.dataset.windows.states, poisoned.dataset.windows.states)
     oracle = StepRecovery(Shown("oracle", 1.0), {}, RelativeMSE(), {})
     with pytest.raises(RunError, match="are the rewards finite"):

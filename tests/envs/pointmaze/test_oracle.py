@@ -82,7 +82,7 @@ def test_metrics_by_hand() -> None:
     taken = tensor([0.0, 0.0])
     oracle, policies = MazeOracle(problem, judge, lambda: taken), {"behaviour": no_act, "averaged": no_act}
     start = oracle.metrics(policies, None)  # of what was learned from demonstrations: no round yet
-    assert start.keys() == {
+    assert {name for name, value in start.items() if value.isfinite().all()} == {
         "collect/steps",
         *(f"eval/{what}{which}" for what in ("success", "length") for which in ("", "_averaged")),
     }
