@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -24,6 +25,7 @@ from credit.trajectories import ContinuousProblem, Moves, Trajectories
 from credit.types import FLOAT, NonNegativeInt, Positive, PositiveInt
 
 OBSERVATIONS, ACTIONS = 4, 2
+driven = lru_cache(maxsize=64)(make)  # the check of a run drives them, the run learns from them, pictures show them
 PARTS = ("states", "lengths", "labels")  # of trajectories in a picture
 
 
@@ -90,16 +92,16 @@ class PointMaze(Environment):
         return ContinuousProblem(OBSERVATIONS, ACTIONS, window, tuple(seeds), torch.device(device))
 
     def start(self, problem: ContinuousProblem) -> None:
-        """Read the demonstrations, if they are read; put all balls at rest.
+        """Read or drive the demonstrations; put all balls at rest.
 
         Raises:
-            UserError: demonstrations that cannot be read, or of one label where that is to stop the run.
+            UserError: demonstrations that cannot be read or driven, or of one label where that is to stop the run.
         """
         self._problem, self._task = problem, self.task(problem.window)
         self._read = self._found() if self.demonstrations_from else None
-        self._driven: dict[int, Demonstrations] = {}
-        if self.one_sided == "stop" and (known := self.demonstrations_of(problem.seeds[0])).one_sided:
-            raise UserError(f"env.one_sided=stop: {describe(known)} one_sided=go_on trains nevertheless")
+        known = [self.demonstrations_of(seed) for seed in problem.seeds]  # now, since not every task can be shown
+        if known[0].one_sided and self.one_sided == "stop":
+            raise UserError(f"env.one_sided=stop: {describe(known[0])} one_sided=go_on trains nevertheless")
         self._rounds: dict[int, Rounds] = {}  # K → what collects K trajectories of each replica
         self._evaluation = Rounds(self._task, problem, self.evaluation_episodes, "evaluation")
         self._evaluated: Round | None = None
@@ -126,9 +128,7 @@ class PointMaze(Environment):
         """The demonstrations of one run."""
         if self._read is not None:
             return self._read
-        if seed not in self._driven:
-            self._driven[seed] = make(self._task, self.successes, self.partials, self.failures, seed)
-        return self._driven[seed]
+        return driven(self._task, self.successes, self.partials, self.failures, seed)
 
     def collect(self, act: Act, feedback: Feedback, windows: int, steps: int) -> tuple[Trajectories, Tensor]:
         """Some whole trajectories of each replica, and their primitive rewards [N]; the feedback sees 1 at the goal."""

@@ -237,6 +237,12 @@ def test_a_task_that_cannot_be_done_is_refused_before_anything_starts(keys: dict
         env.problem(window, (0,), "cpu")
 
 
+def test_a_horizon_in_which_nobody_can_show_the_way_is_refused_before_a_run() -> None:
+    with pytest.raises(UserError, match="2 of 2 of kind success did not reach the goal in 50 attempts"):
+        started(window=32)
+    started(window=32, successes=0)
+
+
 @pytest.mark.parametrize("key", ["start", "goal"])
 @pytest.mark.parametrize("cell", [[1], [1, 2, 3], []])
 def test_a_cell_is_a_row_and_a_column(key: str, cell: list[int]) -> None:
