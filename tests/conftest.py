@@ -55,24 +55,6 @@ def make_problem() -> Callable[..., Problem]:
 
 
 @pytest.fixture(scope="session")
-def make_windows() -> Callable[..., Windows]:
-    """Windows of uniform actions in uniform states, labelled by the advertiser's reward and noise of .2."""
-
-    def make(problem: Problem, count: int, seed: int = 0) -> Windows:
-        generator = torch.Generator().manual_seed(seed)
-        shape = (problem.replicas, count, problem.window)
-        states = torch.randint(problem.states, shape, generator=generator)
-        actions = torch.randint(problem.actions, shape, generator=generator)
-        arrivals = torch.randint(problem.states, shape, generator=generator)
-        phi = (0.0, *(0.02 + 0.03 * a for a in range(problem.actions - 1)))
-        reward = Advertiser(states=problem.states, interaction=phi).mdp.reward
-        noise = torch.randn(shape[:2], generator=generator, dtype=torch.float64)
-        return Windows(states, actions, arrivals, reward[states, actions].sum(-1) + 0.2 * noise)
-
-    return make
-
-
-@pytest.fixture(scope="session")
 def make_continuous() -> Callable[..., ContinuousProblem]:
     """A problem with four numbers in a state and two in an action."""
 
@@ -113,5 +95,23 @@ def make_trajectories() -> Callable[..., Trajectories]:
                     parts.setdefault(column, []).append(values)
         rows = {column: torch.cat(values) for column, values in parts.items()}
         return Trajectories(**rows, labels=torch.tensor(labels, dtype=torch.float64))
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def make_windows() -> Callable[..., Windows]:
+    """Windows of uniform actions in uniform states, labelled by the advertiser's reward and noise of .2."""
+
+    def make(problem: Problem, count: int, seed: int = 0) -> Windows:
+        generator = torch.Generator().manual_seed(seed)
+        shape = (problem.replicas, count, problem.window)
+        states = torch.randint(problem.states, shape, generator=generator)
+        actions = torch.randint(problem.actions, shape, generator=generator)
+        arrivals = torch.randint(problem.states, shape, generator=generator)
+        phi = (0.0, *(0.02 + 0.03 * a for a in range(problem.actions - 1)))
+        reward = Advertiser(states=problem.states, interaction=phi).mdp.reward
+        noise = torch.randn(shape[:2], generator=generator, dtype=torch.float64)
+        return Windows(states, actions, arrivals, reward[states, actions].sum(-1) + 0.2 * noise)
 
     return make

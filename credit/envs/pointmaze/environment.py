@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -13,7 +12,7 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from credit.envs.pointmaze import minari
-from credit.envs.pointmaze.demonstrations import Demonstrations, describe, make
+from credit.envs.pointmaze.demonstrations import Demonstrations, describe, driven
 from credit.envs.pointmaze.geometry import Geometry
 from credit.envs.pointmaze.maze import Cell, Maze
 from credit.envs.pointmaze.oracle import MazeOracle
@@ -25,7 +24,6 @@ from credit.trajectories import ContinuousProblem, Moves, Trajectories
 from credit.types import FLOAT, NonNegativeInt, Positive, PositiveInt
 
 OBSERVATIONS, ACTIONS = 4, 2
-driven = lru_cache(maxsize=64)(make)  # the check of a run drives them, the run learns from them, pictures show them
 PARTS = ("states", "lengths", "labels")  # of trajectories in a picture
 
 
