@@ -41,6 +41,7 @@ class Terminal(Feedback):
         window: T, steps that share one label.
     """
 
+    domain: ClassVar = "tabular"  # trajectories may end before T
     additive: ClassVar = False
 
     def __init__(self, window: PositiveInt = 5) -> None:
@@ -60,6 +61,8 @@ class Success(Feedback):
     Args:
         window: H, most steps of a trajectory.
     """
+
+    domain: ClassVar = "continuous"
 
     def __init__(self, window: PositiveInt = 300) -> None:
         self.window = window

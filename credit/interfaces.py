@@ -75,8 +75,8 @@ class Environment(Component):
     def collect(self, act: Act, feedback: Feedback, windows: int, steps: int) -> tuple[SomeWindows, Tensor]:
         """Run `act` for some windows of `steps` steps; return labelled windows and, for metrics, r [R, K, T]."""
 
-    def demonstrations(self) -> SomeWindows | None:
-        """Labelled windows that every method starts from; none by default."""
+    def demonstrations(self) -> tuple[SomeWindows, Tensor] | None:
+        """Labelled windows that every method starts from, and their primitive rewards; none by default."""
         return None
 
     def digests(self) -> dict[str, list[str]]:

@@ -115,13 +115,13 @@ class Trainer(Component):
         whole, rest = divmod(self.steps, self.problem.window)
         demonstrations = self.env.demonstrations()
         if demonstrations is not None:
-            self._learn(demonstrations)
+            self._learn(*demonstrations)
             log(0, self.metrics())
         while self.collected < whole:
             before, count = self.collected, min(self._round(self.collected), whole - self.collected)
-            windows = self._collect(count)
+            windows, primitive = self._collect(count)
             self.collected += count
-            self._learn(windows)
+            self._learn(windows, primitive)
             progress(self.collected * self.problem.window)
             if self.collected // self.log_every > before // self.log_every and (self.collected < whole or rest):
                 log(self.collected * self.problem.window, self.metrics())
@@ -149,7 +149,7 @@ class Trainer(Component):
         ends = [end - done for end in (self.first_windows, self.random_windows) if end > done]
         return min([size, *ends])
 
-    def _collect(self, count: int) -> SomeWindows:
+    def _collect(self, count: int) -> tuple[SomeWindows, Tensor]:
         actor = self._actor()
         windows, primitive = self.env.collect(actor.act, self.feedback, count, self.problem.window)
         finite = torch.isfinite(windows.labels)
@@ -160,10 +160,10 @@ class Trainer(Component):
                 f"{float(windows.labels[replica, k])}: labels must be finite; look at env's reward and at feedback"
             )
         self.oracle.update(primitive, windows.labels, actor)
-        return replace(windows, primitive=primitive) if self._shows_primitive else windows
+        return windows, primitive
 
-    def _learn(self, windows: SomeWindows) -> None:
-        self.dataset.append(windows)
+    def _learn(self, windows: SomeWindows, primitive: Tensor) -> None:
+        self.dataset.append(replace(windows, primitive=primitive) if self._shows_primitive else windows)
         try:
             self.assigner.observe(self.dataset)
             self.optimizer.improve(self.dataset, self.assigner)

@@ -96,11 +96,17 @@ class TrajectoryDataset:
         return self._labels.shape[1]
 
     def append(self, trajectories: Trajectories) -> None:
-        """Add trajectories; they are `new` until the next append."""
-        start, self._rows = self._rows, self._rows + len(trajectories)
+        """Add trajectories; they are `new` until the next append.
+
+        Raises:
+            ValueError: these show their primitive reward, and those before do not, or the other way round.
+        """
         columns = {name: getattr(trajectories, name) for name in self.COLUMNS}
         if trajectories.primitive is not None:
             columns["primitive"] = trajectories.primitive
+        if self._blocks and columns.keys() != self._blocks.keys():
+            raise ValueError("a dataset holds the primitive rewards of all trajectories, or of none")
+        start, self._rows = self._rows, self._rows + len(trajectories)
         columns["number"] = columns["number"] + len(self)
         for name, values in columns.items():
             block = self._blocks.get(name, values.new_empty(0, *values.shape[1:]))

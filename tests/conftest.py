@@ -57,6 +57,51 @@ def make_problem() -> Callable[..., Problem]:
 
 
 @pytest.fixture(scope="session")
+def make_continuous() -> Callable[..., ContinuousProblem]:
+    """A problem with four numbers in a state and two in an action."""
+
+    def make(seeds: Sequence[int] = (0,), window: int = 9) -> ContinuousProblem:
+        return ContinuousProblem(4, 2, window, tuple(seeds), torch.device("cpu"))
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def make_trajectories() -> Callable[..., Trajectories]:
+    """`make_trajectories([[3, 1], [2, 4]], [[1, 0], [0, 1]])`: random steps of K trajectories of each replica.
+
+    A trajectory with a positive label is terminated. What a replica's trajectory holds depends on `seeds[replica]` (or
+    its number) and its place alone.
+    """
+
+    def make(
+        lengths: Sequence[Sequence[int]], labels: Sequence[Sequence[float]], seeds: Sequence[int] = (), first: int = 0
+    ) -> Trajectories:
+        parts: dict[str, list[torch.Tensor]] = {}
+        for r, counts in enumerate(lengths):
+            for k, steps in enumerate(counts):
+                name = 1000 * (seeds[r] if seeds else r) + first + k
+                path = torch.randn(steps + 1, 4, generator=torch.Generator().manual_seed(name))
+                force = torch.rand(steps, 2, generator=torch.Generator().manual_seed(name)) * 2 - 1
+                last = torch.arange(steps) == steps - 1
+                columns = {
+                    "states": path[:-1],
+                    "actions": force,
+                    "next_states": path[1:],
+                    "replica": torch.full((steps,), r),
+                    "number": torch.full((steps,), k),
+                    "final": last,
+                    "terminated": last & (labels[r][k] > 0),
+                }
+                for column, values in columns.items():
+                    parts.setdefault(column, []).append(values)
+        rows = {column: torch.cat(values) for column, values in parts.items()}
+        return Trajectories(**rows, labels=torch.tensor(labels, dtype=torch.float64))
+
+    return make
+
+
+@pytest.fixture(scope="session")
 def make_windows() -> Callable[..., Windows]:
     """Windows of uniform actions in uniform states, labelled by the advertiser's reward and noise of .2."""
 

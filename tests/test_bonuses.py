@@ -10,9 +10,11 @@ import torch
 
 from credit.bonuses import Count, Disagreement, Elliptical, LocalMSE, Thompson, best_error, disagreement_signal, shrink
 from credit.cells import PAIRS, Cells
+from credit.errors import UserError
 from credit.mixers import best_model
 from credit.rewards.features.tabular import Bilinear, Identity
 from credit.rewards.linear import LinearModel
+from credit.trajectories import ContinuousProblem
 from credit.types import Problem, Recovery
 
 
@@ -88,6 +90,29 @@ def test_signals_take_any_leading_dimensions() -> None:
     assert disagreement_signal(mse, gaps, best).shape == (2, 4, 3)
     torch.testing.assert_close(disagreement_signal(mse[0, 0], gaps[0, 0], best[0, 0]), tensor([0.2, 0.25, 0.07]))
     torch.testing.assert_close(best_error(mse, best)[1, 3], tensor([0.2, 0.3, 0.1]))
+
+
+def test_without_lambda_bonuses_do_not_decay(recovery: Recovery, fitted: LinearModel) -> None:
+    # (33): c·√MSE of the best; (34): c·e; whatever the visits
+    torch.testing.assert_close(LocalMSE(2.0, None)(recovery, fitted), tensor([[0.4, 0.6, 0.2]]))
+    torch.testing.assert_close(Disagreement(3.0, None)(recovery, fitted), tensor([[0.6, 0.75, 0.21]]))
+
+
+@pytest.mark.parametrize("kind", [Count, LocalMSE, Disagreement])
+def test_where_no_visits_can_be_counted_a_bonus_cannot_decay_with_them(
+    make_continuous: Callable[..., ContinuousProblem], make_problem: Callable[..., Problem], kind: type[Count]
+) -> None:
+    problem = make_continuous()
+    with pytest.raises(UserError, match=rf"{kind.__name__} with scale=0\.5 decays with visits.*set its scale to 0"):
+        kind(0.5, 2.0).start(problem)
+    kind(0.5, 2.0).start(make_problem())
+    kind(0.0, 2.0).start(problem)
+    if kind is not Count:
+        kind(0.5, None).start(problem)
+
+
+def test_a_count_bonus_of_scale_zero_adds_nothing(recovery: Recovery, fitted: LinearModel) -> None:
+    assert Count(0.0)(recovery, fitted).tolist() == [[0, 0, 0]]
 
 
 def test_elliptical_bonus_is_the_width_of_the_confidence_set(recovery: Recovery, fitted: LinearModel) -> None:

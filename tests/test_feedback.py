@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import torch
 
-from credit.feedback import BlockSum, Terminal
+from credit.feedback import BlockSum, Success, Terminal
 from credit.interfaces import Feedback
 from credit.types import Problem
 
@@ -56,3 +56,10 @@ def test_a_terminal_label_has_no_noise_and_no_memory(make_problem: Callable[...,
     earlier = rewards.clone()
     earlier[..., :4] = torch.nan
     assert torch.equal(feedback(earlier), first)
+
+
+def test_success_is_one_bit(make_problem: Callable[..., Problem]) -> None:
+    rewards = torch.tensor([[[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]], [[0.0, 1.0, 0.0], [1.0, 1.0, 0.0]]]).double()
+    found = labels(make_problem((0, 1)), Success(3), rewards)
+    assert found.tolist() == [[1, 0], [1, 1]]
+    assert found.dtype == torch.float64

@@ -9,6 +9,7 @@ import torch
 
 from credit.interfaces import CreditAssigner
 from credit.redistribution.rules import Delayed, Uniform
+from credit.trajectories import Trajectories
 from credit.types import Problem, Windows
 
 
@@ -33,3 +34,19 @@ def test_sums_are_the_labels(
     rewards = rule.rewards(data)
     assert rewards.shape == data.states.shape
     torch.testing.assert_close(rewards.sum(-1), data.labels)
+
+
+def test_trajectories_by_hand(make_trajectories: Callable[..., Trajectories]) -> None:
+    found = make_trajectories([[3, 1], [2, 4]], [[6.0, -1.0], [0.0, 1.0]])
+    assert Delayed().rewards(found).tolist() == [0, 0, 6, -1, 0, 0, 0, 0, 0, 1]
+    assert Uniform().rewards(found).tolist() == [2, 2, 2, -1, 0, 0, 0.25, 0.25, 0.25, 0.25]
+
+
+@pytest.mark.parametrize("rule", [Delayed(), Uniform()])
+def test_sums_over_trajectories_are_the_labels(
+    make_trajectories: Callable[..., Trajectories], rule: CreditAssigner
+) -> None:
+    found = make_trajectories([[7, 3, 9], [1, 5, 6]], [[0.3, -1.7, 2.0], [1.0, 0.0, 0.1]])
+    rewards = rule.rewards(found)
+    assert rewards.shape == (31,)
+    torch.testing.assert_close(found.sums(rewards), found.labels)

@@ -6,6 +6,7 @@ import hashlib
 import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from pathlib import Path as File
 
 import numpy as np
@@ -143,6 +144,9 @@ def make(
         paths += _driven(task, kind, legs[kind], count, seed, controller or Controller())
         kinds += [kind] * count
     return Demonstrations.of(paths, kinds)
+
+
+driven = lru_cache(maxsize=64)(make)  # the check of a run drives them, the run learns from them, pictures show them
 
 
 def describe(demonstrations: Demonstrations) -> str:

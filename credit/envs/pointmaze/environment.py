@@ -12,7 +12,7 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from credit.envs.pointmaze import minari
-from credit.envs.pointmaze.demonstrations import Demonstrations, describe, make
+from credit.envs.pointmaze.demonstrations import Demonstrations, describe, driven
 from credit.envs.pointmaze.geometry import Geometry
 from credit.envs.pointmaze.maze import Cell, Maze
 from credit.envs.pointmaze.oracle import MazeOracle
@@ -91,25 +91,26 @@ class PointMaze(Environment):
         return ContinuousProblem(OBSERVATIONS, ACTIONS, window, tuple(seeds), torch.device(device))
 
     def start(self, problem: ContinuousProblem) -> None:
-        """Read the demonstrations, if they are read; put all balls at rest.
+        """Read or drive the demonstrations; put all balls at rest.
 
         Raises:
-            UserError: demonstrations that cannot be read, or of one label where that is to stop the run.
+            UserError: demonstrations that cannot be read or driven, or of one label where that is to stop the run.
         """
         self._problem, self._task = problem, self.task(problem.window)
         self._read = self._found() if self.demonstrations_from else None
-        one_sided = self._read.one_sided if self._read else not (self.successes and self.partials + self.failures)
-        if one_sided and self.one_sided == "stop":
-            known = self._read or make(self._task, self.successes, self.partials, self.failures)
-            raise UserError(f"env.one_sided=stop: {describe(known)} one_sided=go_on trains nevertheless")
+        known = [self.demonstrations_of(seed) for seed in problem.seeds]  # now, since not every task can be shown
+        if known[0].one_sided and self.one_sided == "stop":
+            raise UserError(f"env.one_sided=stop: {describe(known[0])} one_sided=go_on trains nevertheless")
         self._rounds: dict[int, Rounds] = {}  # K → what collects K trajectories of each replica
         self._evaluation = Rounds(self._task, problem, self.evaluation_episodes, "evaluation")
-        self._driven: dict[int, Demonstrations] = {}
         self._evaluated: Round | None = None
         self.taken = problem.zeros()
 
-    def demonstrations(self) -> Trajectories | None:
-        """The labelled trajectories that all methods start from, without their primitive reward."""
+    def demonstrations(self) -> tuple[Trajectories, Tensor] | None:
+        """The labelled trajectories that all methods start from, and their primitive rewards [N].
+
+        Dense ones are by the nominal goal, since demonstrations do not say where theirs was.
+        """
         drawn = [self.demonstrations_of(seed) for seed in self._problem.seeds]
         if not len(drawn[0]):
             return None
@@ -117,15 +118,16 @@ class PointMaze(Environment):
         counts = torch.tensor([len(one.states) for one in drawn])
         replica = torch.arange(len(drawn)).repeat_interleave(counts)
         labels = torch.stack([torch.from_numpy(one.labels).to(FLOAT) for one in drawn])
-        return trajectories(rows, replica, rows["collector", "traj_ids"], labels.to(self._problem.device))
+        found = trajectories(rows, replica, rows["collector", "traj_ids"], labels.to(self._problem.device))
+        dense = self.primitive == "dense"
+        primitive = (-self.geometry.goal_distance(found.next_states)).exp() if dense else found.terminated.to(FLOAT)
+        return found, self._hidden(primitive)
 
     def demonstrations_of(self, seed: int) -> Demonstrations:
         """The demonstrations of one run."""
-        if self._read:
+        if self._read is not None:
             return self._read
-        if seed not in self._driven:
-            self._driven[seed] = make(self._task, self.successes, self.partials, self.failures, seed)
-        return self._driven[seed]
+        return driven(self._task, self.successes, self.partials, self.failures, seed)
 
     def digests(self) -> dict[str, list[str]]:
         """SHA-256 of the demonstrations of each replica."""
@@ -139,10 +141,8 @@ class PointMaze(Environment):
         taken, device = self._rounds[windows].run(act), self._problem.device
         self.taken += taken.lengths.sum(1).to(self.taken)
         labels = feedback(taken.at_goal(steps).to(device))
-        primitive = taken.primitive.to(device)
-        return trajectories(taken.rows, taken.replica, taken.number, labels), (
-            primitive * torch.nan if self.poison else primitive
-        )
+        found = trajectories(taken.rows, taken.replica, taken.number, labels)
+        return found, self._hidden(taken.primitive.to(device))
 
     def oracle(self, problem: ContinuousProblem, feedback: Feedback) -> MazeOracle:
         """Success of the policies in episodes of their own, with noise of their own."""
@@ -197,6 +197,9 @@ class PointMaze(Environment):
         if name == "behaviour":
             self._evaluated = found
         return found
+
+    def _hidden(self, primitive: Tensor) -> Tensor:
+        return torch.full_like(primitive, torch.nan) if self.poison else primitive
 
     def _found(self) -> Demonstrations:
         source = str(self.demonstrations_from)

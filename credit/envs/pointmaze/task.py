@@ -40,7 +40,7 @@ class Task:
             raise UserError(
                 f"horizon={self.horizon} is too short: the shortest path from {self.start} to {self.goal} has "
                 f"{len(path) - 1} moves, which takes at least {self.least_steps} steps at full speed; "
-                f"a controller that brakes at corners takes about twice as many"
+                f"a controller that brakes at corners takes about twice as many; take a larger feedback.window"
             )
 
     @property

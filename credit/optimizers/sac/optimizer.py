@@ -42,7 +42,9 @@ class SAC(Learner, Optimizer):  # noqa: D101 - the learner's docstring is its ow
         first, new = not len(self.memory), dataset.new
         if len(self.memory) + len(new) > self.memory.capacity:
             self.memory.reserve(2 * (len(self.memory) + len(new)))
-        self.memory.extend(_rows(new), new.replica)
+        before = len(dataset) - new.labels.shape[1]
+        ids = (before + new.number) * len(self.seeds) + new.replica
+        self.memory.extend(_rows(new, ids), new.replica)
         self.memory.relabel(assigner.rewards(dataset.windows) - self.time_cost)
         transitions = torch.bincount(new.replica, minlength=len(self.seeds)).tolist()
         self._diagnostics |= self.fit(self.memory, self.round_updates(first, transitions))
@@ -72,8 +74,8 @@ class SAC(Learner, Optimizer):  # noqa: D101 - the learner's docstring is its ow
         return actions
 
 
-def _rows(trajectories: Trajectories) -> TensorDict:
-    """Trajectories as the replay buffer keeps them; the reward is filled in by relabelling."""
+def _rows(trajectories: Trajectories, ids: Tensor) -> TensorDict:
+    """Trajectories as the replay buffer keeps them, with ids [N]; the reward is filled in by relabelling."""
 
     def column(values: Tensor) -> Tensor:
         return values.unsqueeze(-1)
@@ -91,7 +93,7 @@ def _rows(trajectories: Trajectories) -> TensorDict:
                 "terminated": column(terminated),
                 "truncated": column(final & ~terminated),
             },
-            "collector": {"traj_ids": trajectories.number},
+            "collector": {"traj_ids": ids},
         },
         [len(trajectories)],
     )

@@ -14,6 +14,7 @@ import pytest
 
 from credit.envs.pointmaze.controllers import Controller
 from credit.envs.pointmaze.controllers import Path as Driven
+from credit.envs.pointmaze.environment import PointMaze
 from credit.envs.pointmaze.minari import read, trimmed
 from credit.envs.pointmaze.task import Task
 from credit.errors import UserError
@@ -88,6 +89,23 @@ def test_a_dataset_by_folder_and_by_name(medium: Task, store: Path) -> None:
         assert np.array_equal(found.actions, np.concatenate([path.actions for path in paths]))
         assert np.flatnonzero(found.terminated).tolist() == (np.cumsum(found.lengths) - 1)[[0, 2]].tolist()
     assert read("pointmaze/mine-v0", medium, limit=2).labels.tolist() == [1, 0]
+
+
+def test_an_environment_starts_from_them(medium: Task, store: Path) -> None:
+    paths = Controller().drive(medium, [10, 3], [np.random.default_rng(seed) for seed in range(2)])
+    written("pointmaze/mine-v0", [recorded(path, seed) for seed, path in enumerate(paths)], "PointMaze_Medium-v3")
+    env = PointMaze(demonstrations_from="pointmaze/mine-v0", one_sided="stop")
+    env.start(env.problem(300, (0, 5), "cpu"))
+    demonstrations = env.demonstrations()
+    assert demonstrations is not None
+    found, primitive = demonstrations
+    assert found.labels.tolist() == [[1, 0]] * 2
+    assert found.lengths.tolist() == [[len(path.actions) for path in paths]] * 2
+    assert found.sums(primitive).tolist() == [[1, 0]] * 2
+    missing = PointMaze(demonstrations_from="pointmaze/none-v0")
+    problem = missing.problem(300, (0,), "cpu")
+    with pytest.raises(UserError, match="`minari download pointmaze/none-v0`"):
+        missing.start(problem)
 
 
 def test_cut_at_the_goal_and_at_the_horizon(corridor: Task) -> None:
