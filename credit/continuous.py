@@ -15,7 +15,7 @@ from torch import Tensor
 
 from credit.component import Component
 from credit.interfaces import FeatureMap, RewardModel, Uncertainty
-from credit.optimizers.sac.stack import Stack
+from credit.networks.stack import Stack
 from credit.trajectories import ContinuousProblem, Moves, Trajectories
 from credit.types import Belief
 

@@ -11,7 +11,7 @@ from annotated_types import Interval
 from torch import Tensor
 
 from credit.continuous import NetworkUncertainty, Posterior
-from credit.optimizers.sac.stack import Layer, Stack
+from credit.networks.stack import Layer, Stack
 from credit.rewards.batches import side_by_side
 from credit.streams import generators
 from credit.trajectories import ContinuousProblem

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from credit.continuous import NetworkUncertainty
 from credit.network_uncertainty import Dropout, Ensemble, LastLayer, Thinned, WithPriors
-from credit.optimizers.sac.stack import Stack
+from credit.networks.stack import Stack
 from credit.rewards.batches import every
 from credit.rewards.features.motion import Motion
 from credit.rewards.neural import NeuralModel

@@ -13,7 +13,7 @@ from torch.nn.functional import mse_loss, smooth_l1_loss
 from credit.dataset import Dataset
 from credit.errors import UserError
 from credit.interfaces import CreditAssigner, FeatureMap, Optimizer, RewardFunction
-from credit.optimizers.networks import PRECISION, ReplicaMLP
+from credit.networks.perceptron import PRECISION, ReplicaMLP
 from credit.optimizers.replay import Replay
 from credit.streams import Stream
 from credit.types import FLOAT, Positive, PositiveInt, Probability, Problem, Steps

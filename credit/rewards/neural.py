@@ -9,8 +9,8 @@ from torch import Tensor
 from credit.continuous import NetworkUncertainty, StepModel
 from credit.errors import RunError
 from credit.interfaces import FeatureMap
-from credit.optimizers.sac.adam import Adam
-from credit.optimizers.sac.stack import Shape, Stack, Tape
+from credit.networks.adam import Adam
+from credit.networks.stack import Shape, Stack, Tape
 from credit.rewards.batches import balanced, every, padding, side_by_side
 from credit.tensors import CACHED
 from credit.trajectories import ContinuousProblem, Moves, Trajectories

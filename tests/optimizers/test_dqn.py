@@ -12,8 +12,8 @@ import torch
 from credit.dataset import Dataset
 from credit.errors import UserError
 from credit.interfaces import CreditAssigner, FeatureMap, RewardFunction
+from credit.networks.perceptron import ReplicaLinear
 from credit.optimizers.dqn import DQN, targets
-from credit.optimizers.networks import ReplicaLinear
 from credit.redistribution.rules import Delayed, Uniform
 from credit.streams import generators
 from credit.types import FLOAT, Problem, Recovery, Steps, Windows

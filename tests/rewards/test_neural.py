@@ -14,7 +14,7 @@ from torch import Tensor
 from credit.continuous import NetworkUncertainty, Posterior
 from credit.errors import RunError
 from credit.network_uncertainty import Dropout, Ensemble, LastLayer, Predictor
-from credit.optimizers.sac.stack import Stack
+from credit.networks.stack import Stack
 from credit.rewards.batches import balanced, every, padding
 from credit.rewards.features.motion import Motion
 from credit.rewards.neural import NeuralModel, gradient

@@ -11,7 +11,7 @@ from torch import Tensor
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
 from credit.errors import UserError
-from credit.optimizers.sac.draws import Draws
+from credit.networks.draws import Draws
 from credit.optimizers.sac.loss import Batch
 
 Key = str | tuple[str, ...]

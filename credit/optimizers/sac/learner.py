@@ -11,13 +11,13 @@ from annotated_types import Interval
 from torch import Tensor
 
 from credit.errors import RunError, UserError
-from credit.optimizers.sac.adam import Adam
+from credit.networks.adam import Adam
+from credit.networks.draws import Draws
+from credit.networks.stack import Shape, Stack, padded
 from credit.optimizers.sac.buffer import Replay
-from credit.optimizers.sac.draws import Draws
 from credit.optimizers.sac.loss import Batch, Compiled, Gradients, Terms, losses
 from credit.optimizers.sac.networks import CRITICS
 from credit.optimizers.sac.policy import Policy
-from credit.optimizers.sac.stack import Shape, Stack, padded
 from credit.streams import generators
 from credit.types import NonNegative, Positive, PositiveInt, Probability
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from credit.networks.stack import Stack, Tape
 from credit.optimizers.sac.networks import CRITICS, Squashed, squash, squash_backward
-from credit.optimizers.sac.stack import Stack, Tape
 
 
 class Batch(NamedTuple):

@@ -11,7 +11,7 @@ from tensordict.nn import NormalParamExtractor, TensorDictModule
 from torch import Tensor, nn
 from torchrl.modules import MLP, ProbabilisticActor, TanhNormal, ValueOperator
 
-from credit.optimizers.sac.stack import Shape, Stack
+from credit.networks.stack import Shape, Stack
 
 CRITICS = 2
 SCALE_FLOOR = 0.01

@@ -7,9 +7,9 @@ from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.envs.utils import ExplorationType, exploration_type
 
-from credit.optimizers.sac.draws import Draws
+from credit.networks.draws import Draws
+from credit.networks.stack import Stack, Tape
 from credit.optimizers.sac.networks import deviation
-from credit.optimizers.sac.stack import Stack, Tape
 
 
 class Policy:

@@ -12,10 +12,10 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from credit.errors import RunError, UserError
-from credit.optimizers.sac.adam import Adam
+from credit.networks.adam import Adam
+from credit.networks.stack import Stack
 from credit.optimizers.sac.buffer import Replay
 from credit.optimizers.sac.learner import Learner
-from credit.optimizers.sac.stack import Stack
 
 Make = Callable[..., tuple[Learner, Replay]]
 RECIPES: list[dict[str, Any]] = [

@@ -12,10 +12,10 @@ from torch import Tensor
 from torchrl.data import Bounded
 from torchrl.objectives import SACLoss, SoftUpdate, ValueEstimators
 
+from credit.networks.stack import Stack
 from credit.optimizers.sac.learner import Learner
 from credit.optimizers.sac.loss import Batch, losses
 from credit.optimizers.sac.networks import extract_actor, extract_critic, squash, squash_backward
-from credit.optimizers.sac.stack import Stack
 
 R, B = 3, 10
 
