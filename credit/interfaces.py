@@ -79,6 +79,10 @@ class Environment(Component):
         """Labelled windows that every method starts from, and their primitive rewards; none by default."""
         return None
 
+    def remark(self) -> str:
+        """What a user should know of these settings before a run, once started; nothing by default."""
+        return ""
+
     def digests(self) -> dict[str, list[str]]:
         """What each replica was given beside its configuration: name → digest of the data; nothing by default."""
         return {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -80,19 +80,26 @@ def check(config: Mapping[str, Any]) -> schema.Check:
         found.problems += schema.build(config, "tracking").check(Path(config["output"]).resolve())
     if not found.problems:
         try:
-            schema.build(config, "trainer").start((config["seed"],))
+            trainer = schema.build(config, "trainer")
+            trainer.start((config["seed"],))
+            found.remark = trainer.env.remark()
         except UserError as error:
             found.problems.append(str(error))
     return found
 
 
-def checked(config: Mapping[str, Any]) -> dict[str, Any]:
+def checked(config: Mapping[str, Any], say: Callable[[str], None] = lambda remark: None) -> dict[str, Any]:
     """The configuration, without the slots that it does not use.
+
+    Args:
+        say: called with what is right, but a user should know.
 
     Raises:
         UserError: with all problems.
     """
     found = check(config)
+    if found.remark:
+        say(found.remark)
     if found.problems:
         raise UserError("\n".join(found.problems))
     names = {field.name for field in fields(Job)}

@@ -34,7 +34,7 @@ class Check:
         roots: the slots that are built; what they ask for is built too.
 
     Attributes:
-        problems: one sentence each. used: slots that the roots reach.
+        problems: one sentence each. remark: what is right, but a user should know. used: slots that the roots reach.
     """
 
     def __init__(
@@ -45,6 +45,7 @@ class Check:
         roots: tuple[str, ...],
     ) -> None:
         self.problems: list[str] = []
+        self.remark = ""
         self.used: set[str] = set()
         self._config = config
         self._slots = slots

@@ -80,14 +80,17 @@ def checked_jobs(words: Words, multirun: bool) -> list[tuple[dict[str, Any], lis
     from credit.job import checked
 
     jobs = registry.expand(words.overrides) if multirun else [words.overrides]
-    found, problems = [], {}
+    found, problems, remarks = [], {}, dict[str, None]()
     for overrides in jobs:
         try:
-            found.append((checked(registry.compose(overrides, words.config_dirs)), overrides))
+            config = checked(registry.compose(overrides, words.config_dirs), lambda text: remarks.setdefault(text))
+            found.append((config, overrides))
         except UserError as error:
             problems.update(dict.fromkeys(str(error).splitlines()))
     if problems:
         raise UserError("\n".join(problems))
+    for remark in remarks:
+        print(f"note     {remark}", file=sys.stderr)
     return found
 
 

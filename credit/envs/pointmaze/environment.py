@@ -129,6 +129,11 @@ class PointMaze(Environment):
             return self._read
         return driven(self._task, self.successes, self.partials, self.failures, seed)
 
+    def remark(self) -> str:
+        """What reward models can learn from demonstrations of one kind."""
+        known = self.demonstrations_of(self._problem.seeds[0])
+        return describe(known) if known.one_sided else ""
+
     def digests(self) -> dict[str, list[str]]:
         """SHA-256 of the demonstrations of each replica."""
         return {"demonstrations": [self.demonstrations_of(seed).digest for seed in self._problem.seeds]}
