@@ -66,7 +66,7 @@ class Learner:
         updates: PositiveInt = 1200,
         first_updates: PositiveInt = 3000,
         update_ratio: NonNegative = 0.0,
-        batch: PositiveInt = 64,
+        batch: PositiveInt = 256,
         policy_delay: PositiveInt = 2,
         n_step: PositiveInt = 30,
         success_share: Probability = 0.5,
