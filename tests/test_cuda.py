@@ -22,3 +22,22 @@ def test_every_method_runs_on_cuda(method):
     trainer.run(lambda step, values: rows.append(values))
     assert torch.isfinite(rows[-1]["regret/cumulative"]).all()
     assert rows[-1]["regret/cumulative"].device.type == "cuda"
+
+
+@pytest.mark.parametrize("uncertainty", ["last_layer", "dropout", "ensemble"])
+def test_a_maze_runs_on_cuda(uncertainty):
+    short = ["optimizer.first_updates=20", "optimizer.updates=20", "trainer.steps=600", "trainer.windows_per_round=1"]
+    options = [
+        "tracking=none",
+        "experiment=pointmaze",
+        "device=cuda",
+        "replicas=2",
+        f"uncertainty={uncertainty}",
+        *short,
+    ]
+    trainer = schema.build(checked(registry.compose(options)), "trainer")
+    trainer.start((0, 1), torch.device("cuda"))
+    rows = []
+    trainer.run(lambda step, values: rows.append(values))
+    assert rows[-1]["eval/success"].shape == (2,)
+    assert trainer.optimizer.memory.rows["next", "reward"].device.type == "cuda"

@@ -209,7 +209,13 @@ class PointMaze(Environment):
     def _found(self) -> Demonstrations:
         source = str(self.demonstrations_from)
         if Path(source).suffix == ".npz":
-            return Demonstrations.load(source)
+            found = Demonstrations.load(source)
+            if (longest := max(found.lengths, default=0)) > self._task.horizon:
+                raise UserError(
+                    f"demonstrations {source}: one has {longest} steps, and the horizon is {self._task.horizon}; they "
+                    "are of another task; give others, or a larger feedback.window"
+                )
+            return found
         return minari.read(source, self._task)
 
 

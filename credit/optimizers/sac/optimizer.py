@@ -10,6 +10,7 @@ from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from credit.component import Domain, Setting
+from credit.errors import UserError
 from credit.interfaces import Act, CreditAssigner, Optimizer
 from credit.optimizers.sac.learner import Learner
 from credit.optimizers.sac.policy import Policy
@@ -25,7 +26,16 @@ class SAC(Learner, Optimizer):  # noqa: D101 - the learner's docstring is its ow
     setting: ClassVar[Setting] = "episodic"
 
     def start(self, problem: ContinuousProblem) -> None:
-        """Make the networks and an empty replay buffer."""
+        """Make the networks and an empty replay buffer.
+
+        Raises:
+            UserError: `update_ratio` with several replicas.
+        """
+        if self.update_ratio and problem.replicas > 1:
+            raise UserError(
+                f"optimizer.update_ratio={self.update_ratio} with {problem.replicas} seeds side by side: they do the "
+                "same number of updates, and their trajectories have different lengths; set update_ratio=0, or replicas=1"
+            )
         self._problem = problem
         self.make(problem.observations, problem.actions, problem.seeds, problem.device)
         self.memory = self.replay(1)

@@ -191,6 +191,17 @@ def test_demonstrations_from_a_file_are_the_same_for_every_seed(tmp_path: Path) 
         assert env.demonstrations_of(seed).digest == given.digest
 
 
+def test_a_file_of_longer_trajectories_is_refused(tmp_path: Path) -> None:
+    make(maze().task(90), 1, 0, 1).save(tmp_path / "long.npz")
+    with pytest.raises(UserError, match="one has 90 steps, and the horizon is 80"):
+        started(demonstrations_from=str(tmp_path / "long.npz"))
+
+
+def test_one_sided_demonstrations_are_remarked_upon() -> None:
+    assert started()[0].remark() == ""
+    assert "cannot learn where the goal is" in started(successes=0)[0].remark()
+
+
 def test_a_file_without_demonstrations_is_believed(tmp_path: Path) -> None:
     Demonstrations.of([], []).save(tmp_path / "none.npz")
     env, _, _ = started(demonstrations_from=str(tmp_path / "none.npz"))
