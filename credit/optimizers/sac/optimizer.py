@@ -34,7 +34,7 @@ class SAC(Learner, Optimizer):  # noqa: D101 - the learner's docstring is its ow
         if self.update_ratio and problem.replicas > 1:
             raise UserError(
                 f"optimizer.update_ratio={self.update_ratio} with {problem.replicas} seeds side by side: they do the "
-                "same number of updates, and their trajectories have different lengths; set update_ratio=0, or replicas=1"
+                "same number of updates, and have different numbers of transitions; set update_ratio=0, or replicas=1"
             )
         self._problem = problem
         self.make(problem.observations, problem.actions, problem.seeds, problem.device)

@@ -164,7 +164,7 @@ def test_updates_of_a_round_and_what_is_told_of_them(make_continuous: MakeProble
         assert all(value.shape == (2,) and value.dtype == torch.float64 for value in told.values())
     alone, _ = learned(make_continuous, make_trajectories, (0,), update_ratio=0.5)
     assert alone.count == 4 + 2 + 1  # of 8, 4 and 1 new transitions
-    with pytest.raises(UserError, match="update_ratio=0.5 with 2 seeds side by side"):
+    with pytest.raises(UserError, match=r"update_ratio=0\.5 with 2 seeds side by side"):
         learned(make_continuous, make_trajectories, update_ratio=0.5)
 
 
