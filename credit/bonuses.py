@@ -8,9 +8,10 @@ import torch
 from torch import Tensor
 
 from credit.errors import UserError
-from credit.interfaces import Bonus, RewardModel, RidgeModel, SomeProblem
+from credit.interfaces import Bonus, RewardModel, SomeProblem
 from credit.rewards.linear import LinearModel
 from credit.streams import Stream
+from credit.tables import RidgeModel
 from credit.types import Belief, NonNegative, Positive, Problem, Recovery
 
 

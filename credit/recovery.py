@@ -13,8 +13,9 @@ from torch import Tensor
 from credit.alike import Alike, spread
 from credit.dataset import Dataset
 from credit.errors import UserError
-from credit.interfaces import Bonus, CellModel, CellUncertainty, Mixer, RewardFunction, RewardModel
+from credit.interfaces import Bonus, Mixer, RewardModel
 from credit.mixers import best_model, mix
+from credit.tables import CellModel, CellUncertainty, RewardFunction
 from credit.types import Problem, Recovery, Windows
 
 

@@ -55,7 +55,7 @@ KINDS = {
     "mixer": Kind("credit.interfaces:Mixer", ("mixer",), "MSE proxies → weights of the models"),
     "bonus": Kind("credit.interfaces:Bonus", ("bonus",), "what optimism adds; several: bonus=[count,disagreement]"),
     "assigner": Kind("credit.interfaces:CreditAssigner", ("assigner",), "windows → one reward per step"),
-    "transition": Kind("credit.interfaces:TransitionModel", ("transition",), "P̂ for planning"),
+    "transition": Kind("credit.tables:TransitionModel", ("transition",), "P̂ for planning"),
     "optimizer": Kind("credit.interfaces:Optimizer", ("optimizer",), "relabelled rewards → policy"),
     "scaler": Kind("credit.continuous:Scaler", ("scaler",), "how a pseudo-reward is scaled and clipped"),
     "tracking": Kind("credit.tracking:Tracking", ("tracking",), "where runs are mirrored"),

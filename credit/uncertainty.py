@@ -9,9 +9,9 @@ import torch
 from torch import Tensor
 
 from credit.dataset import Dataset
-from credit.interfaces import CellModel, CellUncertainty
 from credit.rewards.linear import LinearModel
 from credit.streams import Stream, generators
+from credit.tables import CellModel, CellUncertainty
 from credit.tensors import by_replica, grown
 from credit.types import FLOAT, Estimate, NonNegative, NonNegativeInt, Positive, PositiveInt, Problem
 

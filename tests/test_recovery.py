@@ -14,11 +14,11 @@ from credit.bench import naive
 from credit.bonuses import Count, Disagreement, LocalMSE
 from credit.dataset import Dataset
 from credit.errors import UserError
-from credit.interfaces import CellModel
 from credit.mixers import RelativeMSE
 from credit.recovery import RewardRecovery
 from credit.rewards.features.tabular import Bilinear, Identity, Threshold
 from credit.rewards.linear import LinearModel
+from credit.tables import CellModel
 from credit.types import Estimate, Problem, Windows
 from credit.uncertainty import Bootstrap
 

@@ -12,10 +12,10 @@ from scipy.optimize import minimize
 
 from credit.cells import Axis
 from credit.dataset import Dataset
-from credit.interfaces import CellModel
 from credit.mixers import Stacking, stacked_weights
 from credit.rewards.features.tabular import Bilinear, Identity, Threshold
 from credit.rewards.linear import LinearModel
+from credit.tables import CellModel
 from credit.types import FLOAT, Estimate, Problem, Windows
 from credit.uncertainty import Analytic, Bootstrap
 

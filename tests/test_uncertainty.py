@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from credit.dataset import Dataset
-from credit.interfaces import CellModel
 from credit.rewards.features.tabular import Bilinear, Identity, Threshold
 from credit.rewards.linear import LinearModel
+from credit.tables import CellModel
 from credit.types import Estimate, Problem, Windows
 from credit.uncertainty import Analytic, Bootstrap
 

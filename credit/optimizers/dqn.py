@@ -12,10 +12,11 @@ from torch.nn.functional import mse_loss, smooth_l1_loss
 
 from credit.dataset import Dataset
 from credit.errors import UserError
-from credit.interfaces import CreditAssigner, FeatureMap, Optimizer, RewardFunction
+from credit.interfaces import CreditAssigner, FeatureMap, Optimizer
 from credit.networks.perceptron import PRECISION, ReplicaMLP
 from credit.optimizers.replay import Replay
 from credit.streams import Stream
+from credit.tables import RewardFunction
 from credit.types import FLOAT, Positive, PositiveInt, Probability, Problem, Steps
 
 LOSSES = {"l2": mse_loss, "smooth_l1": smooth_l1_loss}

@@ -9,9 +9,10 @@ from torch import Tensor
 
 from credit.cells import Cells
 from credit.dataset import Dataset
-from credit.interfaces import CreditAssigner, Optimizer, RewardFunction, TransitionModel
+from credit.interfaces import CreditAssigner, Optimizer
 from credit.planning import TIE
 from credit.streams import Stream
+from credit.tables import RewardFunction, TransitionModel
 from credit.types import Problem
 
 

@@ -10,8 +10,9 @@ from torch import Tensor
 
 from credit.cells import Cells
 from credit.dataset import Dataset
-from credit.interfaces import CreditAssigner, Optimizer, RewardFunction, TransitionTable
+from credit.interfaces import CreditAssigner, Optimizer
 from credit.planning import NEARLY_ONE, policy_iteration
+from credit.tables import RewardFunction, TransitionTable
 from credit.types import Problem
 
 

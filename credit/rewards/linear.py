@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from credit.cells import Axis
-from credit.interfaces import FeatureMap, RidgeModel
+from credit.interfaces import FeatureMap
+from credit.tables import RidgeModel
 from credit.tensors import matvec
 from credit.types import FLOAT, Credit, Estimate, Positive, Problem, Windows
 

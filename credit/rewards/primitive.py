@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from credit.cells import PAIRS, Axis, Cells
-from credit.interfaces import CellModel
+from credit.tables import CellModel
 from credit.types import FLOAT, Estimate, Problem, Windows
 
 

@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.nn.functional import embedding_bag
 
 from credit.cells import PAIRS, Axis, Cells
-from credit.interfaces import RidgeModel
+from credit.tables import RidgeModel
 from credit.tensors import grown
 from credit.types import FLOAT, Credit, Estimate, Positive, PositiveInt, Problem, Windows
 

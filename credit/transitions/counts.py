@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from credit.errors import UserError
-from credit.interfaces import TransitionModel, TransitionTable
+from credit.tables import TransitionModel, TransitionTable
 from credit.tensors import grown
 from credit.types import FLOAT, NonNegative, Problem, Windows
 

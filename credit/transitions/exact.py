@@ -7,7 +7,8 @@ from typing import ClassVar
 from torch import Tensor
 
 from credit.envs.episodic import EpisodicEnvironment
-from credit.interfaces import Environment, TransitionModel
+from credit.interfaces import Environment
+from credit.tables import TransitionModel
 from credit.types import Problem, Windows
 
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from credit.interfaces import TransitionTable
+from credit.tables import TransitionTable
 from credit.transitions.counts import count, require_small
 from credit.types import FLOAT, Positive, Problem, Windows
 

@@ -28,11 +28,10 @@ from credit.interfaces import (
     Mixer,
     Optimizer,
     RewardModel,
-    TransitionModel,
-    TransitionTable,
     Uncertainty,
 )
 from credit.optimizers.random import Random
+from credit.tables import TransitionModel, TransitionTable
 from credit.trainer import Trainer
 from credit.types import Problem, Windows
 

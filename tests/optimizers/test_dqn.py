@@ -11,11 +11,12 @@ import torch
 
 from credit.dataset import Dataset
 from credit.errors import UserError
-from credit.interfaces import CreditAssigner, FeatureMap, RewardFunction
+from credit.interfaces import CreditAssigner, FeatureMap
 from credit.networks.perceptron import ReplicaLinear
 from credit.optimizers.dqn import DQN, targets
 from credit.redistribution.rules import Delayed, Uniform
 from credit.streams import generators
+from credit.tables import RewardFunction
 from credit.types import FLOAT, Problem, Recovery, Steps, Windows
 
 Make = Callable[..., Problem]

@@ -11,8 +11,8 @@ import torch
 
 from credit.cells import PAIRS, Cells
 from credit.dataset import Dataset
-from credit.interfaces import RewardFunction, TransitionModel
 from credit.optimizers.finite_horizon import FiniteHorizon
+from credit.tables import RewardFunction, TransitionModel
 from credit.transitions import Counts, ObservedCounts
 from credit.types import FLOAT, Problem, Recovery, Windows
 

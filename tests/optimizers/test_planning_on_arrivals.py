@@ -14,13 +14,14 @@ import torch
 from credit.cells import Axis, Cells
 from credit.dataset import Dataset
 from credit.errors import UserError
-from credit.interfaces import Optimizer, RewardFunction, TransitionModel
+from credit.interfaces import Optimizer
 from credit.mixers import ReferenceOnly
 from credit.optimizers.finite_horizon import FiniteHorizon
 from credit.optimizers.value_iteration import ValueIteration
 from credit.recovery import RewardRecovery
 from credit.rewards.features.tabular import Identity
 from credit.rewards.linear import LinearModel
+from credit.tables import RewardFunction, TransitionModel
 from credit.transitions import Counts, ObservedCounts
 from credit.types import FLOAT, Problem, Recovery, Windows
 from credit.uncertainty import Bootstrap

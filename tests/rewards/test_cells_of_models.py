@@ -12,12 +12,12 @@ import torch
 from credit.cells import PAIRS, Axis
 from credit.envs.sepsis import Sepsis
 from credit.feedback import BlockSum
-from credit.interfaces import RidgeModel
 from credit.optimizers.random import Random
 from credit.rewards.features.tabular import Bilinear, Identity, Threshold
 from credit.rewards.linear import LinearModel
 from credit.rewards.primitive import PrimitiveReward
 from credit.rewards.table import TableModel
+from credit.tables import RidgeModel
 from credit.types import FLOAT, Problem, Windows
 
 Make = Callable[..., Problem]
