@@ -17,8 +17,8 @@ from credit.cells import PAIRS, Axis, Cells
 from credit.component import Component
 from credit.types import Belief, Steps
 
-# What tabular problems (`credit.tables`) and continuous ones (`credit.continuous`) each have their own of; a component's
-# `domain` says which of them it takes.
+# What tabular problems (`credit.tables`) and continuous ones (`credit.continuous`) each have of their own; a
+# component's `domain` says which of them it takes.
 SomeProblem = Any  # Problem or ContinuousProblem
 SomeWindows = Any  # Windows or Trajectories
 SomeDataset = Any  # Dataset or TrajectoryDataset
