@@ -117,7 +117,7 @@ class FeatureMap(Component):
 
     @abstractmethod
     def __call__(self, steps: Steps) -> Tensor:
-        """φ of every step, float64 [..., d]."""
+        """φ of every step, float64 [..., d]; float32 where states are real numbers."""
 
 
 class RewardModel(Component):
