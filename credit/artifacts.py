@@ -27,11 +27,12 @@ class Recorder:
 
     def __init__(self, trainer: Trainer) -> None:
         self._trainer = trainer
+        self._grid: Moves | None = trainer.env.grid()
         self._rounds: list[tuple[int, StepBelief]] = []
 
     def note(self, step: int) -> None:
         """Keep what is believed now of a grid, if there is one to look at."""
-        grid, assigner, problem = self._trainer.env.grid(), self._trainer.assigner, self._trainer.problem
+        grid, assigner, problem = self._grid, self._trainer.assigner, self._trainer.problem
         if grid is None or not isinstance(assigner, StepRecovery):
             return
         count = problem.replicas
@@ -47,9 +48,8 @@ class Recorder:
             policy = trainer.optimizer.policies()["behaviour"]
             truth, summary = trainer.oracle.truth(recovery.cells), trainer.env.summary(recovery.cells)
             found["recovery.npz"] = recovery_arrays(replica, trainer.dataset, recovery, truth, policy, summary)
-        grid = trainer.env.grid()
-        if grid is not None and self._rounds:
-            found["recovery.npz"] = grid_arrays(replica, grid, self._rounds)
+        if self._grid is not None and self._rounds:
+            found["recovery.npz"] = grid_arrays(replica, self._grid, self._rounds)
         if isinstance(trainer.dataset.windows, Trajectories):
             found["trajectories.npz"] = trainer.env.picture(replica) | online_arrays(replica, trainer)
         return found

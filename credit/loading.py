@@ -16,13 +16,14 @@ from credit.errors import UserError
 
 @dataclass(frozen=True)
 class Run:
-    """One run: configuration, journal (a frame indexed by step), summary, recovery arrays where there are any."""
+    """One run: configuration, journal (a frame indexed by step), summary, and arrays where there are any."""
 
     folder: Path
     config: dict[str, Any]
     metrics: pd.DataFrame
     summary: dict[str, Any]
     recovery: dict[str, np.ndarray] | None
+    trajectories: dict[str, np.ndarray] | None = None
 
 
 def load(run_dir: str | Path) -> Run:
@@ -38,14 +39,18 @@ def load(run_dir: str | Path) -> Run:
     folder = Path(run_dir)
     if not (folder / "DONE").exists():
         raise UserError(f"{folder}: no finished run lies here (no file DONE); give a folder like …/default/seed-0")
-    recovery = None
-    if (folder / "recovery.npz").exists():
-        with np.load(folder / "recovery.npz", allow_pickle=False) as arrays:
-            recovery = dict(arrays)
     return Run(
         folder,
         yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8")),
         pd.read_csv(folder / "metrics.csv", index_col="step"),
         json.loads((folder / "summary.json").read_text(encoding="utf-8")),
-        recovery,
+        _arrays(folder / "recovery.npz"),
+        _arrays(folder / "trajectories.npz"),
     )
+
+
+def _arrays(file: Path) -> dict[str, np.ndarray] | None:
+    if not file.exists():
+        return None
+    with np.load(file, allow_pickle=False) as arrays:
+        return dict(arrays)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 import torch
 from torch import Tensor
 
+import credit
 from credit.artifacts import Recorder
 from credit.bonuses import Disagreement
 from credit.continuous import StepModel
@@ -309,3 +311,22 @@ def test_methods_that_recover_nothing_leave_trajectories_alone() -> None:
     recorder = Recorder(trainer)
     trainer.run(lambda step, values: recorder.note(step))
     assert recorder.files(0).keys() == {"trajectories.npz"}
+
+
+def test_a_run_leaves_a_folder_that_can_be_loaded(tmp_path: Path) -> None:
+    short = ["trainer.steps=600", "trainer.windows_per_round=1", "trainer.log_every=1", "env.evaluation_episodes=2"]
+    tiny = ["optimizer.first_updates=5", "optimizer.updates=5", "reference.first_steps=5", "reference.steps=5"]
+    words = ["experiment=pointmaze", "method=disagreement", "replicas=2", "tracking=none", f"output={tmp_path}"]
+    result = credit.run([*words, *short, *tiny])
+    assert result.status == "FINISHED", result.error
+    first, second = (credit.load(folder) for folder in result.folders)
+    assert first.metrics.index.tolist() == [0, 300, 600]
+    assert first.metrics["eval/auc"].isna().tolist() == [True, False, False]
+    assert first.recovery is not None
+    assert first.recovery["rounds"].tolist() == [0, 1, 2]
+    assert first.recovery["reward/plan"].shape == (3, len(first.recovery["grid/states"]))
+    assert first.trajectories is not None
+    assert first.trajectories["online/lengths"].shape == (2,)
+    digests = [run.summary["data"]["demonstrations"] for run in (first, second)]
+    assert all(len(digest) == 64 for digest in digests)
+    assert digests[0] != digests[1]
