@@ -24,7 +24,7 @@ from torchrl.objectives import SACLoss, SoftUpdate, ValueEstimators
 from credit.networks.stack import Shape
 from credit.optimizers.sac.networks import CRITICS, actor_module, critic_module
 
-ROWS, BATCH, WIDTH, UPDATES = 10_000, 256, 256, 20
+ROWS, BATCH, WIDTH, UPDATES = 10_000, 256, 256, 64
 ACTOR, CRITIC = Shape(4, 4, WIDTH, 2), Shape(6, 1, WIDTH, 2)
 RATE, TAU, GAMMA = 3e-4, 0.005, 0.99
 

@@ -8,7 +8,7 @@ out, because it then works in buffers that are kept: autograd allocates each of 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -85,22 +85,22 @@ class Stack:
 
     Args:
         shape: what all of them look like. members: N. flat: their weights (or gradients, or averages).
+        blocks: tensors that stand in for the views of the flat one.
     """
 
-    def __init__(self, shape: Shape, members: int, flat: Tensor) -> None:
+    def __init__(self, shape: Shape, members: int, flat: Tensor, blocks: Sequence[Tensor] = ()) -> None:
         self.shape, self.members, self.flat = shape, members, flat
-        self.blocks: list[Tensor] = []
-        start = 0
-        for block in shape.blocks(members):
-            size = math.prod(block)
-            self.blocks.append(flat[start : start + size].view(block))
-            start += padded(size)
+        self.blocks = list(blocks) or list(_views(flat, shape.blocks(members)))
         self.layers: list[Layer] = []
         rest = iter(self.blocks)
         for layer in range(shape.depth + 1):
             normal = shape.norm and layer < shape.depth
             self.layers.append(Layer(next(rest), next(rest), *((next(rest), next(rest)) if normal else (None, None))))
         self._transposed = [layer.weight.mT for layer in self.layers]
+
+    def apart(self) -> Stack:
+        """Empty memory of its own for every block: all of a flat tensor is copied where compiled code writes a part."""
+        return Stack(self.shape, self.members, self.flat, [torch.empty_like(block) for block in self.blocks])
 
     def draw(self, generators: Sequence[np.random.Generator]) -> None:
         """Initial weights as PyTorch's linear layers have them, U(±1/√in), one generator a member; unit layer norm."""
@@ -186,6 +186,14 @@ class Stack:
         scaled, linear, wanted = delta.mul_(gain), tape.linear[place], [True, False, False]
         backward = torch.ops.aten.native_layer_norm_backward
         return backward(scaled, linear, [self.shape.width], mean, deviation, None, None, wanted)[0]
+
+
+def _views(flat: Tensor, blocks: Sequence[tuple[int, ...]]) -> Iterator[Tensor]:
+    start = 0
+    for block in blocks:
+        size = math.prod(block)
+        yield flat[start : start + size].view(block)
+        start += padded(size)
 
 
 def _product(left: Tensor, right: Tensor, out: Tensor) -> None:

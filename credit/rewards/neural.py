@@ -10,6 +10,7 @@ from credit.continuous import NetworkUncertainty, StepModel
 from credit.errors import RunError
 from credit.interfaces import FeatureMap
 from credit.networks.adam import Adam
+from credit.networks.denormals import flushed
 from credit.networks.stack import Shape, Stack, Tape
 from credit.rewards.batches import balanced, every, padding, side_by_side
 from credit.tensors import CACHED
@@ -125,6 +126,7 @@ class NeuralModel(StepModel):
             self._mean[r] = own.mean(0)
             self._scale[r] = torch.where(deviation > TINY, deviation, 1.0).reciprocal()
 
+    @flushed()
     def _descend(self, rows: Tensor, shares: Tensor, labels: Tensor, count: int) -> None:
         """Gradient steps on inputs [M, K, P, d], of which each has a share [M, K, P] in the label [M, K]."""
         members, trajectories, steps, size = rows.shape

@@ -11,7 +11,8 @@ from annotated_types import Interval
 from torch import Tensor
 
 from credit.errors import RunError, UserError
-from credit.networks.adam import Adam
+from credit.networks.adam import Adam, step
+from credit.networks.denormals import flushed
 from credit.networks.draws import Draws
 from credit.networks.stack import Shape, Stack, padded
 from credit.optimizers.sac.buffer import Replay
@@ -46,8 +47,7 @@ class Learner:
         temperature: α at the start. adapt_temperature: whether it is adapted to the target entropy.
         target_entropy: H̄; None is minus the number of actions.
         time_cost: what every step costs: subtracted from every reward.
-        compile: whether `torch.compile` gets the update: on a CPU, after half a minute, a fifth faster at 64×64 and no
-            faster at 256×256.
+        compile: whether `torch.compile` gets the update, after half a minute; wants a C++ compiler on a CPU.
 
     Example:
         >>> learner = Learner(width=64)
@@ -152,6 +152,7 @@ class Learner:
             )
         return max(1, round(self.update_ratio * transitions[0]))
 
+    @flushed()
     def fit(self, replay: Replay, updates: int) -> dict[str, Tensor]:
         """Some updates on what is in the buffer.
 
@@ -182,12 +183,11 @@ class Learner:
         self.count += 1
         due = self.count % self.policy_delay == 0
         terms = self._gradients(batch, noise, self.log_alpha, due)
-        self._critic_adam.step()
+        if due and not self.adapt_temperature:
+            self._by_log_alpha.zero_()
+        step(self._critic_adam, *([self._adam] if due else []))
         self.target.flat.lerp_(self.critic.flat, self.target_rate)
         if due:
-            if not self.adapt_temperature:
-                self._by_log_alpha.zero_()
-            self._adam.step()
             self.average.flat.lerp_(self.actor.flat, self.average_rate)
         return terms
 

@@ -152,19 +152,19 @@ class Compiled:
         given = self._gradients
         weights = (given.actor.flat, given.critic.flat, given.target.flat)
         terms, by_critic, by_actor, by_log_alpha = self._pure(weights, batch, noise, log_alpha, actor_due)
-        given.by_critic.flat.copy_(by_critic)
+        torch._foreach_copy_(given.by_critic.blocks, by_critic)
         if actor_due:
-            given.by_actor.flat.copy_(by_actor)
+            torch._foreach_copy_(given.by_actor.blocks, by_actor)
             given.by_log_alpha.copy_(by_log_alpha)
         return terms
 
     def _fresh(
         self, weights: tuple[Tensor, Tensor, Tensor], batch: Batch, noise: Tensor, log_alpha: Tensor, actor_due: bool
-    ) -> tuple[Terms, Tensor, Tensor, Tensor]:
+    ) -> tuple[Terms, list[Tensor], list[Tensor], Tensor]:
         given = self._gradients
         stacks = zip((given.actor, given.critic, given.target), weights, strict=True)
-        actor, critic, target = (Stack(stack.shape, stack.members, flat.clone()) for stack, flat in stacks)
-        by_actor, by_critic = (Stack(x.shape, x.members, torch.zeros_like(x.flat)) for x in (actor, critic))
-        by_log_alpha = torch.zeros_like(log_alpha)
+        actor, critic, target = (Stack(stack.shape, stack.members, flat) for stack, flat in stacks)
+        by_actor, by_critic, by_log_alpha = actor.apart(), critic.apart(), torch.empty_like(log_alpha)
         run = Gradients(actor, critic, target, by_actor, by_critic, by_log_alpha, given.target_entropy, given.clip)
-        return run(batch, noise, log_alpha, actor_due), by_critic.flat, by_actor.flat, by_log_alpha
+        terms = run(batch, noise, log_alpha, actor_due)
+        return terms, by_critic.blocks, by_actor.blocks if actor_due else [], by_log_alpha

@@ -12,7 +12,6 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from credit.errors import RunError, UserError
-from credit.networks.adam import Adam
 from credit.networks.stack import Stack
 from credit.optimizers.sac.buffer import Replay
 from credit.optimizers.sac.learner import Learner
@@ -154,19 +153,6 @@ def test_a_weight_that_is_not_finite_stops_the_run(make_learner: Make) -> None:
         RunError, match=r"critic of seed 4 is not finite after 20 updates|actor of seed 4 is not finite"
     ):
         sac.fit(replay, 20)
-
-
-def test_adam_is_that_of_pytorch() -> None:
-    start, gradients = torch.randn(33), torch.randn(5, 33)
-    ours, gradient = start.clone(), torch.empty(33)
-    theirs = torch.nn.Parameter(start.clone())
-    mine, stock = Adam(ours, gradient, 0.01), torch.optim.Adam([theirs], 0.01)
-    for g in gradients:
-        gradient.copy_(g)
-        mine.step()
-        theirs.grad = g.clone()
-        stock.step()
-        torch.testing.assert_close(ours, theirs.data, rtol=1e-6, atol=1e-7)
 
 
 @pytest.mark.slow
