@@ -112,6 +112,13 @@ def identity(config: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()[:12]
 
 
+def plan(config: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
+    """What tells a job from others: its configuration, its folder and its seeds."""
+    job = Job.of(config)
+    named = {"experiment": job.experiment, "method": job.method, "slug": registry.slug(overrides)}
+    return named | {"seed": job.seed, "replicas": job.replicas, "config_hash": identity(config)}
+
+
 def split(config: Mapping[str, Any], parent: Path) -> tuple[list[int], list[int]]:
     """The seeds that are still to be computed, and those that are done, in a job's folder.
 

@@ -16,7 +16,7 @@ import torch
 from credit import job as jobs
 from credit import registry, schema
 from credit.artifacts import Recorder, write_arrays
-from credit.session import JobRecord, Session, new_session_id
+from credit.session import JobRecord, Session
 from credit.tracking.journal import Journal, git_commit, versions, write_atomically, write_json, write_yaml
 from credit.trainer import Trainer
 
@@ -72,9 +72,11 @@ def run(overrides: Sequence[str] = (), *, config_dirs: Sequence[str] = (), progr
     """
     config = compose(overrides, config_dirs=config_dirs)
     job = jobs.Job.of(config)
-    session = Session(job.folder, new_session_id())
     place(config, list(overrides))  # refuses a folder of another configuration before anything is made
-    session.start("job", job.experiment, f"credit.run({list(overrides)!r})", config["tracking"])
+    plan = [jobs.plan(config, list(overrides))]
+    session = Session.begin(
+        job.folder, "job", job.experiment, ["train", *overrides], config["tracking"], plan, config_dirs
+    )
     tracking = schema.build(config, "tracking")
     tracking.start(session.folder, job.folder)
     status = "KILLED"
@@ -151,8 +153,8 @@ def run_job(
     finally:
         journal.flush()
         summary = _summary(config, record, status, time.process_time() - cpu)
-        for index, (seed, folder, last) in enumerate(zip(todo, fresh, journal.last, strict=True)):
-            data = {name: digests[index] for name, digests in record.facts["data"].items()}
+        for seed, folder, last in zip(todo, fresh, journal.last, strict=True):
+            data = {name: digests[str(seed)] for name, digests in record.facts["data"].items()}
             write_json(folder / "summary.json", summary | {"seed": seed, "metrics": last, "data": data})
             if status == "FINISHED":
                 write_atomically(folder / "DONE", summary["config_hash"] + "\n")
@@ -180,7 +182,9 @@ def _facts(
         "config_hash": jobs.identity(config),
         "config": dict(config),
         "overrides": list(overrides),
-        "data": trainer.env.digests(),
+        "data": {
+            name: dict(zip(map(str, seeds), digests, strict=True)) for name, digests in trainer.env.digests().items()
+        },
     }
 
 

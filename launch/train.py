@@ -46,16 +46,22 @@ def main(argv: list[str]) -> int:
     configs = checked_jobs(words, multirun)
 
     from credit import schema
-    from credit.job import Job
+    from credit.job import Job, plan
     from credit.runner import place
-    from credit.session import Session, new_session_id
+    from credit.session import Session
 
     for config, overrides in configs:
         place(config, overrides)
     first = configs[0][0]
-    session = Session(Job.of(first).folder, new_session_id())
-    command = shlex.join(["credit", "train", *argv])
-    session.start("sweep" if multirun else "job", first["experiment"], command, first["tracking"])
+    session = Session.begin(
+        Job.of(first).folder,
+        "sweep" if multirun else "job",
+        first["experiment"],
+        ["train", *argv],
+        first["tracking"],
+        [plan(config, overrides) for config, overrides in configs],
+        words.config_dirs,
+    )
     tracking = schema.build(first, "tracking")
     tracking.start(session.folder, session.output)
     console = Console(stderr=True, highlight=False)

@@ -68,7 +68,7 @@ def seed_card(session: Mapping[str, Any], job: Mapping[str, Any], seed: int, par
     """The run of one seed of a job."""
     tags = _common(session) | _of_job(job, parent)
     tags |= {"level": "seed", "seed": seed}
-    tags |= {f"data.{name}": digests[job["seeds"].index(seed)] for name, digests in job.get("data", {}).items()}
+    tags |= {f"data.{name}": digests[str(seed)] for name, digests in job.get("data", {}).items()}
     if COLOUR in tags:
         tags[COLOUR] = tint(tags[COLOUR])
     return RunCard(f"seed-{seed}", job["started"], _text(tags), flatten({**job["config"], "seed": seed}))
