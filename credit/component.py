@@ -6,11 +6,13 @@ from abc import ABC
 from collections.abc import Mapping
 from typing import ClassVar, Literal
 
+from credit.stateful import Stateful
+
 Domain = Literal["tabular", "continuous", "any"]
 Setting = Literal["continuing", "episodic", "any"]
 
 
-class Component(ABC):  # noqa: B024 - its kinds say what is abstract
+class Component(Stateful, ABC):
     """Anything that YAML can name.
 
     Attributes:

@@ -16,6 +16,7 @@ from torch import Tensor
 from credit.component import Component
 from credit.interfaces import FeatureMap, RewardModel, Uncertainty
 from credit.networks.stack import Stack
+from credit.stateful import Stateful
 from credit.trajectories import ContinuousProblem, Moves, Trajectories
 from credit.types import Belief
 
@@ -82,7 +83,7 @@ class Scaler(Component):
         """The scaled rewards [N] of one replica."""
 
 
-class Posterior(ABC):
+class Posterior(Stateful, ABC):
     """What the M networks of one neural model believe together; it decides what is trained, and how it predicts.
 
     Inputs are the networks' [M, rows, d], standardised; outputs are theirs too, before the model scales them.
@@ -97,7 +98,7 @@ class Posterior(ABC):
         """What is added to the outputs in training [M, rows], if anything is; it stays as it is."""
         return None
 
-    def fitted(self, inputs: Tensor, shares: Tensor) -> None:  # noqa: B027 - most have nothing to do
+    def fitted(self, inputs: Tensor, shares: Tensor) -> None:
         """Take note that the networks were fitted to sums of outputs.
 
         Args:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import torch
 from torch import Tensor
 
+from credit.stateful import Stateful
 from credit.tensors import grown
 from credit.types import Problem, Windows
 
 
-class Dataset:
+class Dataset(Stateful):
     """Windows and labels of R replicas; `new` are those of the last append, `windows` all of them.
 
     Args:
@@ -44,6 +48,17 @@ class Dataset:
             self._primitive[:, start:stop] = windows.primitive
         self._count = stop
         self.new = windows
+
+    def state_dict(self) -> dict[str, Any]:
+        """All windows."""
+        windows = self.windows
+        parts = (windows.states, windows.actions, windows.next_states, windows.labels, windows.primitive)
+        return {"windows": [None if part is None else part.cpu().clone() for part in parts]}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Hold these windows and no others."""
+        self._count = 0
+        self.append(Windows(*state["windows"]))
 
     @property
     def windows(self) -> Windows:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import ClassVar
 
 import torch
 from torch import Tensor
 
 from credit.cells import Cells
 from credit.interfaces import Optimizer
+from credit.stateful import Stateful
 from credit.types import FLOAT, Belief, Problem, Recovery
 
 
@@ -54,12 +56,14 @@ def trust_metrics(recovery: Belief) -> dict[str, Tensor]:
     return values
 
 
-class AverageRewardOracle:
+class AverageRewardOracle(Stateful):
     """Metrics of a continuing tabular problem: regret against g* (21), policy error, reward error.
 
     Args:
         problem: sizes. gain: g*. policy: π* [S]. occupancy: its stationary distribution [S]. reward: r [S, A].
     """
+
+    keeps: ClassVar = ("_regret", "_area", "_labels", "_windows")
 
     def __init__(self, problem: Problem, gain: float, policy: Tensor, occupancy: Tensor, reward: Tensor) -> None:
         self._gain = gain
@@ -100,13 +104,15 @@ class AverageRewardOracle:
         return values | recovery_metrics(recovery, self.truth)
 
 
-class EpisodicOracle:
+class EpisodicOracle(Stateful):
     """Metrics of an episodic problem: regret of the executed policies, evaluated exactly under the start distribution.
 
     Args:
         problem: sizes. best: V*. random: V of uniform actions. truth: cells → the reward [N] that the label shows.
         evaluate: policies [R, T, S] or [R, T, S, A] → their values [R], for the objective that the label shows.
     """
+
+    keeps: ClassVar = ("_value", "_regret", "_area", "_labels", "_windows", "_all")
 
     def __init__(
         self,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 import torch
@@ -86,6 +86,8 @@ class LastLayer(NetworkUncertainty):
 class Thinned(Posterior):
     """Networks of which every hidden unit is dropped with some probability."""
 
+    keeps: ClassVar = ("_training", "_prediction", "_kept")
+
     def __init__(self, networks: Stack, problem: ContinuousProblem, name: str, passes: int, rate: float) -> None:
         self._networks, self._passes, self._rate = networks, passes, rate
         self._training = generators(problem.seeds, f"{name}/dropout in training")
@@ -126,6 +128,8 @@ class Thinned(Posterior):
 class WithPriors(Posterior):
     """Networks that each have a prior function beside them."""
 
+    keeps: ClassVar = ()
+
     def __init__(self, networks: Stack, problem: ContinuousProblem, name: str, members: int, scale: float) -> None:
         self._networks, self._members, self._scale = networks, members, scale
         self._priors = Stack(networks.shape, networks.members, torch.zeros_like(networks.flat))
@@ -150,6 +154,8 @@ class WithPriors(Posterior):
 
 class LastLayers(Posterior):
     """Networks whose last layer has a Gaussian posterior around its weights."""
+
+    keeps: ClassVar = ("_precision",)
 
     def __init__(self, networks: Stack, noise: float, prior_variance: float) -> None:
         self._networks, self._noise, self._prior = networks, noise, prior_variance

@@ -31,6 +31,7 @@ class RewardRecovery(RewardFunction):
     """
 
     domain: ClassVar = "tabular"
+    keeps: ClassVar = ("models", "uncertainty", "mixer", "bonus", "_visits")
 
     def __init__(
         self,

@@ -31,6 +31,7 @@ class StepRecovery(CreditAssigner):
 
     domain: ClassVar = "continuous"
     needs: ClassVar = {"reference": StepModel, "surrogates": StepModel}
+    keeps: ClassVar = ("models", "mixer", "bonus", "scaler", "_inputs", "_rows")
 
     def __init__(
         self,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
-from typing import Literal
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from credit.stateful import Stateful
 from credit.types import Replicas
 
 Kind = Literal["uniform", "normal", "poisson"]
@@ -21,7 +22,7 @@ def generators(seeds: Sequence[int], purpose: str) -> list[np.random.Generator]:
     return [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(key,))) for seed in seeds]
 
 
-class Stream:
+class Stream(Stateful):
     """A buffered stream of random rows, one row [R, width] a call.
 
     Args:
@@ -43,14 +44,35 @@ class Stream:
         self._device = problem.device
         self._rows: Sequence[Tensor] = ()
         self._used = 0
+        self._before: list[Any] = []  # where the generators stood before these rows were drawn
 
     def next(self) -> Tensor:
         """The next row of every replica, float64 [R, width]."""
         if self._used == len(self._rows):
-            self._rows = torch.from_numpy(self._draw()).to(self._device).unbind()
-            self._used = 0
+            self._fill()
         self._used += 1
         return self._rows[self._used - 1]
+
+    def state_dict(self) -> dict[str, Any]:
+        """Where the generators stood before the buffered rows, and how many of those are used."""
+        return {"generators": self._before or self._now(), "used": self._used}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Draw the buffered rows again."""
+        for generator, before in zip(self._generators, state["generators"], strict=True):
+            generator.bit_generator.state = before
+        self._rows, self._before, self._used = (), [], 0
+        if state["used"]:
+            self._fill()
+            self._used = state["used"]
+
+    def _now(self) -> list[Any]:
+        return [g.bit_generator.state for g in self._generators]
+
+    def _fill(self) -> None:
+        self._before = self._now()
+        self._rows = torch.from_numpy(self._draw()).to(self._device).unbind()
+        self._used = 0
 
     def _draw(self) -> np.ndarray:
         shape = (max(self.CHUNK // self._width, 1), self._width)

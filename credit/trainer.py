@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -44,6 +45,11 @@ class Trainer(Component):
         random_windows: windows at the start in which actions are random.
         log_every: windows between two rows of the journal.
     """
+
+    keeps: ClassVar = (
+        *("env", "feedback", "assigner", "optimizer", "_explorer", "oracle", "dataset"),
+        *("rounds", "collected"),
+    )
 
     def __init__(
         self,
@@ -101,22 +107,29 @@ class Trainer(Component):
         self.rounds = 0  # that were learned from
         self.collected = 0  # windows of each replica, without demonstrations
 
-    def run(self, log: Log, progress: Callable[[int], None] = lambda steps: None) -> None:
-        """Take all steps.
+    def run(
+        self,
+        log: Log,
+        progress: Callable[[int], None] = lambda steps: None,
+        between: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Take all steps, or those that are left after `load_state_dict`.
 
         Args:
             log: called with the step and the metrics [R] every `log_every` windows and at the end, and at the start
                 where there are demonstrations.
             progress: called with the number of steps taken so far.
+            between: called between two rounds, where the state is whole; it may raise to end the run there.
 
         Raises:
             RunError: a label is NaN or infinite, or a network is.
         """
         whole, rest = divmod(self.steps, self.problem.window)
-        demonstrations = self.env.demonstrations()
+        demonstrations = None if self.rounds else self.env.demonstrations()
         if demonstrations is not None:
             self._learn(*demonstrations)
             log(0, self.metrics())
+            between()
         while self.collected < whole:
             before, count = self.collected, min(self._round(self.collected), whole - self.collected)
             windows, primitive = self._collect(count)
@@ -125,6 +138,8 @@ class Trainer(Component):
             progress(self.collected * self.problem.window)
             if self.collected // self.log_every > before // self.log_every and (self.collected < whole or rest):
                 log(self.collected * self.problem.window, self.metrics())
+            if self.collected < whole:  # what a last round leaves is not all state
+                between()
         if rest:
             _, primitive = self.env.collect(self._actor().act, self.feedback, 1, rest)
             self.oracle.update(primitive, None, self._actor())

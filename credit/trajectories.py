@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from credit.cells import Steps
+from credit.stateful import Stateful
 from credit.tensors import grown
 from credit.types import Replicas
 
@@ -77,7 +80,7 @@ class Trajectories(Moves):
         return total.index_add_(0, self.replica * count + self.number, values).view(replicas, count, *values.shape[1:])
 
 
-class TrajectoryDataset:
+class TrajectoryDataset(Stateful):
     """Labelled trajectories of R replicas; `new` are those of the last append, `windows` all of them.
 
     Rows stay where they are: those of an append follow those of the appends before.
@@ -116,6 +119,16 @@ class TrajectoryDataset:
             self._blocks[name] = block
         self._labels = torch.cat([self._labels, trajectories.labels], dim=1)
         self.new = trajectories
+
+    def state_dict(self) -> dict[str, Any]:
+        """All trajectories, without the room for more."""
+        rows = {name: block[: self._rows].cpu().clone() for name, block in self._blocks.items()}
+        return {"rows": rows, "labels": self._labels.cpu()}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Hold these trajectories and no others."""
+        self._blocks, self._labels = dict(state["rows"]), state["labels"]
+        self._rows = len(next(iter(self._blocks.values()), ()))
 
     @property
     def windows(self) -> Trajectories:

@@ -33,6 +33,7 @@ class Bootstrap(CellUncertainty):
     """
 
     domain: ClassVar = "tabular"
+    keeps: ClassVar = ("_stream", "_outside", "_generators")
 
     def __init__(
         self,
@@ -119,6 +120,7 @@ class Analytic(CellUncertainty):
     """
 
     needs: ClassVar = {"reference": LinearModel, "surrogates": LinearModel}
+    keeps: ClassVar = ()
 
     def __init__(self, noise: Positive = 0.2) -> None:
         self.noise = noise

@@ -131,6 +131,7 @@ class EpisodicEnvironment(ExactEnvironment):
     """
 
     setting: ClassVar = "episodic"
+    keeps: ClassVar = ("_stream", "_first")
 
     @property
     @abstractmethod

@@ -76,6 +76,7 @@ class TabularEnvironment(ExactEnvironment):
     """
 
     setting: ClassVar = "continuing"
+    keeps: ClassVar = ("_stream", "_states")
 
     @property
     @abstractmethod

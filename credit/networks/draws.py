@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from credit.stateful import Stateful
 from credit.streams import generators
 
 
-class Draws:
+class Draws(Stateful):
     """Numbers that depend on (seed, purpose) alone; how many are drawn at once makes no difference.
 
     Args:
         seeds: one a replica. purpose: what the numbers are for. device: where they go.
     """
+
+    keeps: ClassVar = ("_generators",)
 
     def __init__(self, seeds: Sequence[int], purpose: str, device: torch.device) -> None:
         self._generators = generators(seeds, purpose)
@@ -32,12 +35,3 @@ class Draws:
         """Uniform numbers on [0, 1), float64."""
         drawn = [g.random(shape) for g in self._generators]
         return torch.from_numpy(np.stack(drawn, axis)).to(self._device)
-
-    def state(self) -> list[Any]:
-        """Where every generator stands: plain data."""
-        return [g.bit_generator.state for g in self._generators]
-
-    def load(self, state: list[Any]) -> None:
-        """Go on from there."""
-        for generator, part in zip(self._generators, state, strict=True):
-            generator.bit_generator.state = part

@@ -11,11 +11,13 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
+
+from credit.stateful import Stateful
 
 LANE = 16  # every block starts on a multiple: whole vectors, so that a number is rounded alike wherever it stands
 EPSILON = 1e-5  # of the layer norm
@@ -80,13 +82,15 @@ class Tape:
         self.normal: list[tuple[Tensor, Tensor, Tensor]] = []  # of every layer: normalised, mean, 1/deviation
 
 
-class Stack:
+class Stack(Stateful):
     """Views of N networks in a flat tensor [shape.numel(N)].
 
     Args:
         shape: what all of them look like. members: N. flat: their weights (or gradients, or averages).
         blocks: tensors that stand in for the views of the flat one.
     """
+
+    keeps: ClassVar = ("flat",)
 
     def __init__(self, shape: Shape, members: int, flat: Tensor, blocks: Sequence[Tensor] = ()) -> None:
         self.shape, self.members, self.flat = shape, members, flat

@@ -37,6 +37,7 @@ class BlockUCB(Optimizer):
 
     domain: ClassVar = "tabular"
     setting: ClassVar = "continuing"
+    keeps: ClassVar = ("_value", "_tried", "_used", "_key", "_state", "_sums", "_macro")
 
     def __init__(
         self,

@@ -50,6 +50,7 @@ class DQN(Optimizer):
 
     domain: ClassVar = "tabular"
     setting: ClassVar = "episodic"
+    keeps: ClassVar = ("_online", "_target", "_adam", "_replay", "_stream", "_windows", "_updates", "_policy")
 
     def __init__(
         self,

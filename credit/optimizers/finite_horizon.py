@@ -28,6 +28,7 @@ class FiniteHorizon(Optimizer):
     domain: ClassVar = "tabular"
     setting: ClassVar = "episodic"
     needs: ClassVar = {"assigner": RewardFunction}
+    keeps: ClassVar = ("transition", "_stream", "_order", "_policy")
 
     def __init__(self, transition: TransitionModel) -> None:
         self.transition = transition

@@ -30,6 +30,7 @@ class QLearning(Optimizer):
 
     domain: ClassVar = "tabular"
     setting: ClassVar = "continuing"
+    keeps: ClassVar = ("_q", "_stream", "_windows")
 
     def __init__(
         self,

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
 from credit.interfaces import CreditAssigner, Optimizer, SomeDataset, SomeProblem
+from credit.stateful import Stateful
 from credit.streams import Stream, generators
 from credit.trajectories import ContinuousProblem
 from credit.types import FLOAT, Problem
@@ -44,8 +45,10 @@ class Random(Optimizer):
         return torch.full((1, 1, 1, 1), 1 / problem.actions, dtype=FLOAT, device=problem.device).expand(shape)
 
 
-class _Forces:
+class _Forces(Stateful):
     """Uniform actions [n, A]; a round's are drawn at its start, so that no replica depends on how long others last."""
+
+    keeps: ClassVar = ("_generators",)
 
     def __init__(self, problem: ContinuousProblem, purpose: str) -> None:
         self._generators = generators(problem.seeds, purpose)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import torch
@@ -12,6 +12,7 @@ from torch import Tensor
 from torchrl.data import LazyTensorStorage, ReplayBuffer, Storage
 from torchrl.data.replay_buffers.samplers import RandomSampler
 
+from credit.stateful import Stateful
 from credit.streams import Stream
 from credit.types import Problem
 
@@ -27,18 +28,18 @@ class StreamSampler(RandomSampler):
 
     def __init__(self, problem: Problem, batch: int) -> None:
         super().__init__()
-        self._stream = Stream(problem, "replay", "uniform", batch)
+        self.stream = Stream(problem, "replay", "uniform", batch)
         self._window = problem.window
         self._replicas = torch.arange(problem.replicas, device=problem.device).unsqueeze(1)
 
     def sample(self, storage: Storage, batch_size: int) -> tuple[tuple[Tensor, ...], dict[str, Any]]:
         """Indices (window, replica, step) [R, batch_size·B] into a storage of windows."""
-        uniform = torch.cat([self._stream.next() for _ in range(batch_size)], dim=1)
+        uniform = torch.cat([self.stream.next() for _ in range(batch_size)], dim=1)
         item = (uniform * (len(storage) * self._window)).to(torch.int64)
         return (item // self._window, self._replicas, item % self._window), {}
 
 
-class Replay:
+class Replay(Stateful):
     """The newest windows of R replicas, with a pseudo-reward for every step that may change later.
 
     Args:
@@ -51,7 +52,8 @@ class Replay:
         self._capacity = capacity
         self._batch = batch
         storage = LazyTensorStorage(capacity, device=problem.device)
-        self.buffer = ReplayBuffer(storage=storage, sampler=StreamSampler(problem, batch))
+        self._sampler = StreamSampler(problem, batch)
+        self.buffer = ReplayBuffer(storage=storage, sampler=self._sampler)
 
     def extend(self, rewards: Tensor, **steps: Tensor) -> None:
         """Add windows with pseudo-rewards [R, K, T] and whatever else is to be known of their steps, [R, K, T]."""
@@ -67,6 +69,21 @@ class Replay:
         stored = self.buffer[:]
         for name, column in self._credit(newest).items():
             stored.set_(name, column)  # in place: of a part-full buffer, an assignment would change a copy
+
+    def state_dict(self) -> dict[str, Any]:
+        """All that is stored, how many windows ever were, and the sampler's stream."""
+        rows = {name: column.cpu().clone() for name, column in self.buffer[:].items()} if len(self.buffer) else {}
+        return {"rows": rows, "written": self.buffer.write_count, "stream": self._sampler.stream.state_dict()}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Become the memory that gave this state."""
+        self.buffer.empty()
+        self._sampler.stream.load_state_dict(state["stream"])
+        if rows := state["rows"]:
+            stored = TensorDict(rows, batch_size=rows["reward"].shape)
+            self.buffer.extend(stored)
+            if len(stored) == self._capacity and (over := state["written"] % self._capacity):
+                self.buffer.extend(stored[:over])  # the next window goes behind these
 
     def batches(self, count: int) -> Iterator[dict[str, Tensor]]:
         """Name → what is known of B steps of every replica [R, B], `reward` and `outcome` (the return) among them.

@@ -27,6 +27,7 @@ class ValueIteration(Optimizer):
     domain: ClassVar = "tabular"
     setting: ClassVar = "continuing"
     needs: ClassVar = {"assigner": RewardFunction, "transition": TransitionTable}
+    keeps: ClassVar = ("transition", "_policy")
 
     def __init__(self, transition: TransitionTable, discount: Annotated[float, Interval(gt=0, le=1)] = 1.0) -> None:
         self.transition = transition

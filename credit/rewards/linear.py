@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -27,6 +28,8 @@ class LinearModel(RidgeModel):
         regularization: λ > 0.
         credit: which steps of a window share its label: every one alike, or the last alone.
     """
+
+    keeps: ClassVar = ("_inverse", "_theta")
 
     def __init__(
         self, name: str, features: FeatureMap, regularization: Positive = 0.1, credit: Credit = "every_step"

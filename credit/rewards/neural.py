@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -37,6 +39,8 @@ class NeuralModel(StepModel):
         batch: B, trajectories a gradient step. stride: one step in so many is fitted, and stands for the others.
         learning_rate: Adam's.
     """
+
+    keeps: ClassVar = ("networks", "_batches", "_adam", "_posterior", "_mean", "_scale", "_fits")
 
     def __init__(
         self,

@@ -23,6 +23,7 @@ class PrimitiveReward(CellModel):
 
     domain: ClassVar = "tabular"
     sees_primitive: ClassVar = True
+    keeps: ClassVar = ("_total", "_visits")
 
     def __init__(self, name: str = "primitive", looks_at: Sequence[Axis] = PAIRS) -> None:
         self.name = name

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import torch
 from torch import Tensor
 
@@ -26,6 +28,8 @@ class StepLinear(StepModel):
         regularization: λ > 0.
         unit: steps that are counted as one: it sets the scale on which λ acts.
     """
+
+    keeps: ClassVar = ("_fits",)
 
     def __init__(self, name: str, features: FeatureMap, regularization: Positive = 1.0, unit: Positive = 10.0) -> None:
         self.name = name

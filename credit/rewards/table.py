@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import ClassVar
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -12,11 +12,13 @@ from torch import Tensor
 from torch.nn.functional import embedding_bag
 
 from credit.cells import PAIRS, Axis, Cells
+from credit.stateful import Stateful
 from credit.tables import RidgeModel
 from credit.tensors import grown
 from credit.types import FLOAT, Credit, Estimate, Positive, PositiveInt, Problem, Windows
 
 TINY = 1e-30  # single precision's range ends at 1e-38
+PARTS = ("cells", "blocks", "squares", "index", "weights")  # of the state of a fit
 PASS = 1e-10  # how much smaller the energy of a residual becomes in one pass of single precision
 
 
@@ -37,6 +39,7 @@ class TableModel(RidgeModel):
     """
 
     domain: ClassVar = "tabular"
+    keeps: ClassVar = ("_fits",)
 
     def __init__(
         self,
@@ -99,7 +102,7 @@ class TableModel(RidgeModel):
         return (widths * counts)[:, self._own]
 
 
-class _Fit:
+class _Fit(Stateful):
     """The windows of one replica and its 1 + B solutions; small enough to stay in the processor's cache."""
 
     def __init__(self, cells: int, width: int, fits: int, device: torch.device) -> None:
@@ -132,6 +135,24 @@ class _Fit:
         for column in index.T:
             target.index_add_(0, column, weights * labels.unsqueeze(-1))
             visits.index_add_(0, column, weights)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Unknowns, sums, and the rows of X."""
+        used, rows = len(self.cells), self.rows
+        parts = self.cells, *(x[:, :used] for x in (self._blocks, self._squares))
+        parts += tuple(x[:, :rows] for x in (self._index, self._weights))
+        return dict(zip(PARTS, (part.cpu().clone() for part in parts), strict=True))
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Hold these windows and no others."""
+        self.cells, blocks, squares, index, weights = (state[name].to(self._column.device) for name in PARTS)
+        used, rows = len(self.cells), index.shape[1]
+        self._column[self.cells] = torch.arange(used, device=self.cells.device)
+        self._blocks, self._squares = grown(self._blocks, used), grown(self._squares, used)
+        self._index, self._weights = grown(self._index, rows), grown(self._weights, rows)
+        self._blocks[:, :used], self._squares[:, :used] = blocks, squares
+        self._index[:, :rows], self._weights[:, :rows] = index, weights
+        self._row = {tuple(window): row for row, window in enumerate(index[0].sort(-1).values.tolist())}
 
     @property
     def theta(self) -> Tensor:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal
 
 import torch
 from torch import Tensor
@@ -28,6 +29,7 @@ class Counts(TransitionTable):
     """
 
     domain: ClassVar = "tabular"
+    keeps: ClassVar = ("_counts",)
 
     def __init__(
         self,
@@ -88,6 +90,26 @@ class ObservedCounts(TransitionModel):
         self._arrivals.scatter_(1, column, arrivals)
         self._times.scatter_add_(1, column, once)
         self._visits.scatter_add_(1, pairs, once)
+
+    def state_dict(self) -> dict[str, Any]:
+        """The observed transitions."""
+        observed = torch.stack([part[:, : self._seen].to(FLOAT) for part in (self._pairs, self._arrivals, self._times)])
+        return {"observed": observed.cpu()}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Have seen these transitions and no others."""
+        pairs, arrivals, times = state["observed"].to(self._times.device)
+        self._seen = seen = times.shape[1]
+        self._pairs, self._arrivals = grown(self._pairs, seen), grown(self._arrivals, seen)
+        self._times = grown(self._times, seen)
+        self._pairs[:, :seen], self._arrivals[:, :seen], self._times[:, :seen] = pairs, arrivals, times
+        self._visits.zero_().scatter_add_(1, self._pairs[:, :seen], times)
+        triples = (pairs * self._problem.states + arrivals).long().tolist()
+        counts = (times > 0).sum(1).tolist()
+        self._columns = [
+            {triple: column for column, triple in enumerate(of_replica[:count])}
+            for of_replica, count in zip(triples, counts, strict=True)
+        ]
 
     def backup(self, values: Tensor) -> Tensor:
         """The mean value of the observed successors, 0 where there is none, [R, S, A]."""

@@ -22,6 +22,7 @@ class Exact(TransitionModel):
     domain: ClassVar = "tabular"
     setting: ClassVar = "episodic"
     needs: ClassVar = {"env": EpisodicEnvironment}
+    keeps: ClassVar = ()
 
     def __init__(self, env: Environment) -> None:
         self.env = env

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -54,6 +55,16 @@ class FactoredMixture(ObservedCounts):
             index = (context * LEVELS + now[..., 1 + vital]) * LEVELS + then[..., 1 + vital]
             index = index.flatten(1)
             self._moves[:, vital].flatten(1).scatter_add_(1, index, torch.ones_like(index, dtype=FLOAT))
+        self._joint = self._pairs_of_vitals()
+
+    def state_dict(self) -> dict[str, Any]:
+        """The observed transitions, and each vital's moves."""
+        return super().state_dict() | {"moves": self._moves.cpu().clone()}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Have seen these and no others."""
+        super().load_state_dict(state)
+        self._moves.copy_(state["moves"])
         self._joint = self._pairs_of_vitals()
 
     def backup(self, values: Tensor) -> Tensor:

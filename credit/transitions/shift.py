@@ -25,6 +25,7 @@ class ShiftMixture(TransitionTable):
     """
 
     domain: ClassVar = "tabular"
+    keeps: ClassVar = ("_counts", "_shifts")
 
     def __init__(self, pseudo_counts: Positive = 20.0, shift_counts: Positive = 1.0) -> None:
         self.pseudo_counts = pseudo_counts

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -140,14 +140,23 @@ class PointMaze(Environment):
 
     def collect(self, act: Act, feedback: Feedback, windows: int, steps: int) -> tuple[Trajectories, Tensor]:
         """Some whole trajectories of each replica, and their primitive rewards [N]; the feedback sees 1 at the goal."""
-        if windows not in self._rounds:
-            purpose = f"environment, {windows} at once"
-            self._rounds[windows] = Rounds(self._task, self._problem, windows, purpose, self.primitive)
-        taken, device = self._rounds[windows].run(act), self._problem.device
+        taken, device = self._of(windows).run(act), self._problem.device
         self.taken += taken.lengths.sum(1).to(self.taken)
         labels = feedback(taken.at_goal(steps).to(device))
         found = trajectories(taken.rows, taken.replica, taken.number, labels)
         return found, self._hidden(taken.primitive.to(device))
+
+    def state_dict(self) -> dict[str, Any]:
+        """Where the noise of the balls of every purpose stands, and the steps taken: rounds start from the start."""
+        rounds = {count: rounds.state_dict() for count, rounds in self._rounds.items()}
+        return {"rounds": rounds, "evaluation": self._evaluation.state_dict(), "taken": self.taken.cpu().clone()}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on with that noise."""
+        for count, rounds in state["rounds"].items():
+            self._of(count).load_state_dict(rounds)
+        self._evaluation.load_state_dict(state["evaluation"])
+        self.taken.copy_(state["taken"])
 
     def oracle(self, problem: ContinuousProblem, feedback: Feedback) -> MazeOracle:
         """Success of the policies in episodes of their own, with noise of their own."""
@@ -195,6 +204,13 @@ class PointMaze(Environment):
         for part, columns in parts.items():
             arrays |= {f"{part}/{name}": column for name, column in zip(PARTS, columns, strict=True)}
         return arrays | {"demonstrations/kinds": shown.kinds, "evaluation/goals": last.goals[replica].numpy()}
+
+    def _of(self, count: int) -> Rounds:
+        """What collects so many trajectories of each replica."""
+        if count not in self._rounds:
+            purpose = f"environment, {count} at once"
+            self._rounds[count] = Rounds(self._task, self._problem, count, purpose, self.primitive)
+        return self._rounds[count]
 
     def _evaluate(self, name: str, act: Act) -> Round:
         """One round of episodes with noise of their own; that of the behaviour policy is kept for pictures."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -13,13 +13,14 @@ from credit.continuous import ContinuousProblem, StepBelief
 from credit.envs.pointmaze.rounds import Round
 from credit.interfaces import Act, Optimizer
 from credit.metrics import trust_metrics
+from credit.stateful import Stateful
 from credit.types import Belief
 
 SUMMARY = ("auc", "final", "learned", "lost")
 GOOD, BAD, LAST = 0.9, 0.6, 4  # a seed has learned at GOOD; below BAD it has lost it again; the end is LAST rounds
 
 
-class MazeOracle:
+class MazeOracle(Stateful):
     """Metrics of a maze: success of each policy, now, on average over the rounds, at the end, and lost again.
 
     Args:
@@ -27,6 +28,8 @@ class MazeOracle:
         evaluate: a policy's name and the policy → a round of episodes.
         taken: steps of each replica so far [R].
     """
+
+    keeps: ClassVar = ("_labels", "_windows", "_rounds", "_collected")
 
     def __init__(
         self,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 from tensordict import TensorDictBase
@@ -13,6 +14,7 @@ from credit.envs.pointmaze.collector import RoundCollector
 from credit.envs.pointmaze.env import PointMazeEnv
 from credit.envs.pointmaze.task import Task
 from credit.interfaces import Act
+from credit.stateful import Stateful, pack, unpack
 from credit.trajectories import ContinuousProblem, Trajectories
 from credit.types import FLOAT
 
@@ -44,7 +46,7 @@ class Round:
         return (self.success.unsqueeze(-1) & (steps == self.lengths.unsqueeze(-1) - 1)).to(FLOAT)
 
 
-class Rounds:
+class Rounds(Stateful):
     """Balls of their own for one purpose, which run a round at a time.
 
     Args:
@@ -65,6 +67,15 @@ class Rounds:
         self._act: Act = lambda states, step: torch.zeros_like(states[:, :2])  # the collector tries its policy once
         self._step = 0
         self._collector = RoundCollector(self._env, self._policy)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Where the noise of the balls stands."""
+        return {"noise": pack(self._env.balls.noise, "noise"), "next_id": self._collector.next_id}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on with that noise."""
+        unpack(state["noise"], self._env.balls.noise, "noise")
+        self._collector.next_id = state["next_id"]
 
     def run(self, act: Act) -> Round:
         """One whole trajectory of each ball."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import torch
@@ -13,6 +13,7 @@ from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from credit.errors import UserError
 from credit.networks.draws import Draws
 from credit.optimizers.sac.loss import Batch
+from credit.stateful import Stateful
 
 Key = str | tuple[str, ...]
 
@@ -33,7 +34,7 @@ class Group(NamedTuple):
     size: Tensor
 
 
-class Replay:
+class Replay(Stateful):
     """All trajectories of R replicas, as flat rows in the order in which they came.
 
     A row's n-step return runs to the end of its trajectory at most. Behind the goal (`terminated`) there is no value;
@@ -136,18 +137,20 @@ class Replay:
         ]
 
     def state_dict(self) -> dict[str, Any]:
-        """Rows and streams: tensors and plain data."""
-        rows = {} if not len(self) else {_flat(key): self.rows[key].clone() for key in (*KEYS, "replica")}
-        return {"rows": rows, "draws": self._draws.state()}
+        """Rows and streams."""
+        rows = {} if not len(self) else {_flat(key): self.rows[key].cpu().clone() for key in (*KEYS, "replica")}
+        return {"rows": rows, "draws": self._draws.state_dict()}
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Become the buffer that gave this state."""
-        self.buffer.empty()
-        self._table = None
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Become the buffer that gave this state; it makes room for its rows."""
         if rows := state["rows"]:
             tensors = {key: rows[_flat(key)] for key in (*KEYS, "replica")}
-            self.buffer.extend(TensorDict(tensors, [len(rows["observation"])]).to(self.device))
-        self._draws.load(state["draws"])
+            count = len(rows["observation"])
+            self.capacity = max(self.capacity, 2 * count)
+            self.buffer = self._empty()
+            self.buffer.extend(TensorDict(tensors, [count]).to(self.device))
+        self._table = None
+        self._draws.load_state_dict(state["draws"])
 
     def _empty(self) -> TensorDictReplayBuffer:
         return TensorDictReplayBuffer(storage=LazyTensorStorage(self.capacity, device=self.device), batch_size=1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated, ClassVar
 
 import torch
 from annotated_types import Interval
@@ -19,6 +19,7 @@ from credit.optimizers.sac.buffer import Replay
 from credit.optimizers.sac.loss import Batch, Compiled, Gradients, Terms, losses
 from credit.optimizers.sac.networks import CRITICS
 from credit.optimizers.sac.policy import Policy
+from credit.stateful import Stateful
 from credit.streams import generators
 from credit.types import NonNegative, Positive, PositiveInt, Probability
 
@@ -27,7 +28,7 @@ BLOCK = 32  # batches drawn at once
 Rate = Annotated[float, Interval(gt=0, le=1)]
 
 
-class Learner:
+class Learner(Stateful):
     """Soft actor-critic with twin critics (B.2, line 13), on whole trajectories that are relabelled every round.
 
     The defaults are the recipe `stable`; the paper's plain SAC is `layer_norm=False, updates=600, first_updates=1500,
@@ -54,6 +55,11 @@ class Learner:
         >>> learner.make(observations=4, actions=2, seeds=(0, 1))
         >>> learner.fit(replay, learner.updates)
     """
+
+    keeps: ClassVar[tuple[str, ...]] = (
+        *("actor", "average", "critic", "target", "log_alpha", "_adam", "_critic_adam"),
+        *("_noise", "_exploration", "count"),
+    )
 
     def __init__(
         self,
@@ -202,29 +208,3 @@ class Learner:
                 f"SAC: a weight of the {name} of seed {', '.join(str(self.seeds[r]) for r in bad)} is not finite after "
                 f"{self.count} updates; are the rewards finite? else try a smaller learning_rate"
             )
-
-    def state_dict(self) -> dict[str, Any]:
-        """Weights, moments, counts and streams, not the replay's: tensors and plain data."""
-        return {
-            "actor": self._adam.weights.clone(),
-            "critic": self.critic.flat.clone(),
-            "target": self.target.flat.clone(),
-            "average": self.average.flat.clone(),
-            "adam": self._adam.state(),
-            "critic_adam": self._critic_adam.state(),
-            "noise": self._noise.state(),
-            "exploration": self._exploration.state(),
-            "count": self.count,
-        }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a state, after `make` with the same sizes and seeds; bit for bit on one CPU thread."""
-        self._adam.weights.copy_(state["actor"])
-        self.critic.flat.copy_(state["critic"])
-        self.target.flat.copy_(state["target"])
-        self.average.flat.copy_(state["average"])
-        self._adam.load(state["adam"])
-        self._critic_adam.load(state["critic_adam"])
-        self._noise.load(state["noise"])
-        self._exploration.load(state["exploration"])
-        self.count = state["count"]

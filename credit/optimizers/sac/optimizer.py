@@ -24,6 +24,7 @@ class SAC(Learner, Optimizer):  # noqa: D101 - the learner's docstring is its ow
     __doc__ = Learner.__doc__
     domain: ClassVar[Domain] = "continuous"
     setting: ClassVar[Setting] = "episodic"
+    keeps: ClassVar = (*Learner.keeps, "memory", "_diagnostics")
 
     def start(self, problem: ContinuousProblem) -> None:
         """Make the networks and an empty replay buffer.
