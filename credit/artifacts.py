@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -11,6 +13,7 @@ from torch import Tensor
 
 from credit.continuous import Moves, StepBelief, Trajectories
 from credit.dataset import Dataset
+from credit.stateful import Stateful, pack, unpack
 from credit.step_recovery import StepRecovery
 from credit.trainer import Trainer
 from credit.types import Recovery
@@ -18,7 +21,7 @@ from credit.types import Recovery
 Arrays = dict[str, np.ndarray]
 
 
-class Recorder:
+class Recorder(Stateful):
     """Arrays of each run of a job: `recovery.npz`, and `trajectories.npz` where states are real numbers.
 
     Args:
@@ -39,6 +42,22 @@ class Recorder:
         states, actions, arrivals = (part.repeat(count, 1) for part in (grid.states, grid.actions, grid.next_states))
         whose = torch.arange(count, device=problem.device).repeat_interleave(len(grid))
         self._rounds.append((step // problem.window, assigner.believe(Moves(states, actions, arrivals, whose))))
+
+    def state_dict(self) -> dict[str, Any]:
+        """What was believed after each round so far."""
+        names = [field.name for field in fields(StepBelief)]
+        return {
+            "rounds": [
+                [step, {name: pack(getattr(belief, name), name) for name in names}] for step, belief in self._rounds
+            ]
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Have noted these rounds and no others."""
+        self._rounds = [
+            (step, StepBelief(**{name: unpack(packed, None, name) for name, packed in belief.items()}))
+            for step, belief in state["rounds"]
+        ]
 
     def files(self, replica: int) -> dict[str, Arrays]:
         """File name → arrays of one replica."""

@@ -15,10 +15,8 @@ import yaml
 
 from credit import registry, schema
 from credit.errors import UserError
-from credit.types import NonNegativeInt, PositiveInt
-
-# What may differ between two runs that are the same run.
-CIRCUMSTANCES = ("seed", "replicas", "device", "output", "session", "rerun", "tracking", "written_for")
+from credit.registry import CIRCUMSTANCES
+from credit.types import NonNegative, NonNegativeInt, PositiveInt
 
 
 @dataclass(frozen=True)
@@ -28,6 +26,7 @@ class Job:
     Attributes:
         experiment: name of the experiment. method: name of the method. title: its name in tables.
         seed: first seed. replicas: seeds side by side. device: cpu, cuda, cuda:<n> or auto.
+        checkpoint_rounds: rounds between two checkpoints, at least. checkpoint_seconds: and seconds.
         output: folder of all runs. rerun: compute again what is done. session: id of the `credit train`.
         written_for: the only experiment of a method, where it has one.
     """
@@ -38,6 +37,8 @@ class Job:
     seed: NonNegativeInt = 0
     replicas: PositiveInt = 1
     device: str = "cpu"
+    checkpoint_rounds: PositiveInt = 1
+    checkpoint_seconds: NonNegative = 60.0
     output: str = "outputs"
     rerun: bool = False
     session: str | None = None

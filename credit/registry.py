@@ -24,6 +24,19 @@ from omegaconf.errors import OmegaConfBaseException
 
 from credit.errors import UserError, nearest
 
+# What may differ between two runs that are the same run.
+CIRCUMSTANCES = (
+    "seed",
+    "replicas",
+    "device",
+    "output",
+    "session",
+    "rerun",
+    "tracking",
+    "written_for",
+    "checkpoint_rounds",
+    "checkpoint_seconds",
+)
 CONFIG_NAME = "config"
 
 
@@ -128,7 +141,7 @@ def is_sweep(override: str) -> bool:
 
 def slug(overrides: Sequence[str]) -> str:
     """A folder name for what was changed: `default`, or the overrides that make a run another run."""
-    ignored = re.compile(r"^[+~]*(experiment|method|seed|replicas|output|device|session|rerun|tracking|hydra)\b(?!@)")
+    ignored = re.compile(rf"^[+~]*({'|'.join(('experiment', 'method', 'hydra', *CIRCUMSTANCES))})\b(?!@)")
     kept = sorted(_spelled(text) for text in overrides if not ignored.match(text))
     name = re.sub(r"[^A-Za-z0-9=._,@~+-]+", "-", re.sub(r"[\[\]'\"]", "", ",".join(kept))).strip("-")
     if len(name) > 120:

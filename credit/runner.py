@@ -6,6 +6,7 @@ import json
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,8 +14,8 @@ from typing import Any
 import numpy as np
 import torch
 
+from credit import checkpoint, registry, runs, schema, signals
 from credit import job as jobs
-from credit import registry, schema
 from credit.artifacts import Recorder, write_arrays
 from credit.session import JobRecord, Session
 from credit.tracking.journal import Journal, git_commit, versions, write_atomically, write_json, write_yaml
@@ -29,7 +30,7 @@ class Result:
 
     Attributes:
         title: the method's name in tables. folders: one a seed, those that were done before included.
-        computed: seeds that were computed now. skipped: seeds that were done before.
+        computed: seeds that were computed now. resumed: seeds that were gone on with. skipped: that were done before.
         status: FINISHED or FAILED. seconds: wall time. error: why it failed.
         metrics: name → final values of all seeds, in the order of the folders; of those that finished.
     """
@@ -37,6 +38,7 @@ class Result:
     title: str
     folders: list[Path]
     computed: list[int]
+    resumed: list[int]
     skipped: list[int]
     status: str
     seconds: float
@@ -89,15 +91,16 @@ def run(overrides: Sequence[str] = (), *, config_dirs: Sequence[str] = (), progr
     return result
 
 
-def place(config: Mapping[str, Any], overrides: Sequence[str]) -> tuple[Path, list[int], list[int]]:
-    """The folder of a job's runs, the seeds to compute and the seeds that are done.
+def place(config: Mapping[str, Any], overrides: Sequence[str]) -> Path:
+    """The folder of a job's runs.
 
     Raises:
-        UserError: a folder holds a run of another configuration.
+        UserError: a folder in it holds a run of another configuration, or a checkpoint that cannot be read.
     """
     job = jobs.Job.of(config)
     parent = job.folder / job.experiment / job.method / registry.slug(overrides)
-    return parent, *jobs.split(config, parent)
+    runs.find(config, parent)
+    return parent
 
 
 def run_job(
@@ -106,100 +109,192 @@ def run_job(
     session: Session,
     number: int,
     progress: Progress | None = None,
+    parent: Path | None = None,
 ) -> Result:
-    """Compute the seeds of a checked job that are not done yet.
+    """Compute the seeds of a checked job that are not done yet, and go on with those that were interrupted.
 
-    A failure becomes the result's status and error, its traceback goes to `error.log` in the session's folder.
+    A failure becomes the result's status and error, its traceback goes to `job-<number>.log` in the session's folder.
+
+    Args:
+        config: checked. overrides: as they were typed. session, number: whose job it is. progress: as in `run`.
+        parent: the folder of its runs, where that is not to be told from the overrides.
 
     Raises:
         UserError: the parts refuse their sizes, or a folder holds another run; no run was touched.
-        KeyboardInterrupt: after the journals were closed with status KILLED.
+        KeyboardInterrupt: after a signal, with checkpoints written and journals closed with status KILLED.
     """
     torch.set_num_threads(1)
     job = jobs.Job.of(config)
-    parent, todo, done = place(config, overrides)
-    folders = [parent / f"seed-{seed}" for seed in job.seeds]
-    if not todo:
-        return Result(job.title, folders, [], done, "FINISHED", 0.0, _final_metrics(folders))
-    trainer: Trainer = schema.build(config, "trainer")
-    trainer.start(tuple(todo), jobs.device(job.device))
-    recorder = Recorder(trainer)
-    fresh = [parent / f"seed-{seed}" for seed in todo]
-    started, cpu = time.time(), time.process_time()
-    journal = Journal(fresh, started)  # before the record: whoever follows it must find no older journal
-    record = JobRecord(session, number, started, _facts(config, overrides, parent, todo, fresh, trainer))
-    for seed, folder in zip(todo, fresh, strict=True):
-        write_yaml(folder / "config.yaml", {**config, "seed": seed, "replicas": 1, "rerun": False})
-    status, error = "KILLED", None
-    try:
-        news = job.title
+    begun, computed, resumed = time.monotonic(), list[int](), list[int]()
+    status, error = "FINISHED", None
+    with runs.claimed(config, parent or place(config, overrides)) as found:
+        for group in found.groups:
+            work = Work(config, overrides, session, number, found, group)
+            status, error = work.compute(progress)
+            (resumed if group.interrupted else computed).extend(group.wanted)
+            if status != "FINISHED":
+                break
+        if not found.groups:
+            JobRecord.settle(session, number)
+    folders = [found.of(seed) for seed in sorted({*found.asked, *found.wanted})]
+    took = time.monotonic() - begun
+    return Result(job.title, folders, computed, resumed, list(found.done), status, took, _final_metrics(folders), error)
 
-        def note(step: int, values: dict[str, torch.Tensor]) -> None:
-            nonlocal news
-            journal.log(step, {name: column.tolist() for name, column in values.items()})
-            recorder.note(step)
-            if "eval/success" in values:
-                news = f"{job.title}, round {trainer.rounds}, success {float(values['eval/success'].mean()):.2f}"
 
-        trainer.run(note, lambda steps: progress(news, steps, trainer.steps) if progress else None)
-        for index, folder in enumerate(fresh):
-            for name, arrays in recorder.files(index).items():
-                write_arrays(folder / name, arrays)
-        status = "FINISHED"
-    except Exception as failure:  # a component may raise anything; the job says so, and a sweep goes on
-        status, error = "FAILED", f"{type(failure).__name__}: {failure}"
-        with (session.folder / "error.log").open("a", encoding="utf-8") as log:
-            log.write(f"job {number} ({job.method}, seeds {todo[0]}–{todo[-1]})\n{traceback.format_exc()}\n")
-    finally:
-        journal.flush()
-        summary = _summary(config, record, status, time.process_time() - cpu)
-        for seed, folder, last in zip(todo, fresh, journal.last, strict=True):
-            data = {name: digests[str(seed)] for name, digests in record.facts["data"].items()}
-            write_json(folder / "summary.json", summary | {"seed": seed, "metrics": last, "data": data})
+class Work:
+    """The computation of one group of seeds.
+
+    Args:
+        config: of the job. overrides: of the job. session, number: whose job it is. found: the job's folders.
+        group: the seeds.
+    """
+
+    def __init__(
+        self,
+        config: Mapping[str, Any],
+        overrides: Sequence[str],
+        session: Session,
+        number: int,
+        found: runs.Folders,
+        group: runs.Group,
+    ) -> None:
+        self.config, self.session, self.number = config, session, number
+        self.job, self.found, self.group = jobs.Job.of(config), found, group
+        self.trainer: Trainer = schema.build(config, "trainer")
+        device = jobs.device(self.job.device)
+        self.trainer.start(group.seeds, device)
+        self.recorder = Recorder(self.trainer)
+        state = checkpoint.load(group.interrupted, device) if group.interrupted else None
+        self._cpu = time.process_time() - (state["cpu_seconds"] if state else 0.0)
+        self._file = found.of(group.seeds[0]) / checkpoint.NAME
+        folders = [found.of(seed) if seed in group.wanted else None for seed in group.seeds]
+        # before the record: whoever follows it must find no older journal
+        self.journal = Journal(folders, state["journal"] if state else None)
+        self.record = JobRecord(session, number, time.time(), _facts(config, overrides, found, group, self.trainer))
+        for seed in group.wanted:
+            write_yaml(found.of(seed) / "config.yaml", {**config, "seed": seed, "replicas": 1, "rerun": False})
+        if state:
+            self.trainer.load_state_dict(state["trainer"])
+            self.recorder.load_state_dict(state["recorder"])
+        self._saved, self._rounds = time.monotonic(), self.trainer.rounds
+        self._news = self.job.title
+
+    def compute(self, progress: Progress | None = None) -> tuple[str, str | None]:
+        """Run to the end; the status, and why it failed.
+
+        Raises:
+            KeyboardInterrupt: a signal said so.
+        """
+        trainer, status, error = self.trainer, "KILLED", None
+
+        def show(steps: int) -> None:
+            if progress:
+                progress(self._news, steps, trainer.steps)
+
+        try:
+            with signals.noted() as stop:
+                trainer.run(self._note, show, lambda: self._between(stop))
+            for index, seed in enumerate(self.group.seeds):
+                if seed in self.group.wanted:
+                    for name, arrays in self.recorder.files(index).items():
+                        write_arrays(self.found.of(seed) / name, arrays)
+            status = "FINISHED"
+        except Exception as failure:  # a component may raise anything; the job says so, and a sweep goes on
+            status, error = "FAILED", f"{type(failure).__name__}: {failure}"
+            with suppress(OSError), (self.session.folder / f"job-{self.number}.log").open("a", encoding="utf-8") as log:
+                log.write(f"{self.job.method}, seeds {self.group.seeds[0]}–{self.group.seeds[-1]}\n")
+                log.write(f"{traceback.format_exc()}\n")
+        finally:
+            status, error = self._close(status, error)
+        return status, error
+
+    def save(self) -> None:
+        """Write a checkpoint, behind a journal that is on the disk."""
+        self.journal.flush(durable=True)
+        content = {
+            "seeds": list(self.group.seeds),
+            "config_hash": jobs.identity(self.config),
+            "config": dict(self.config),
+            "cpu_seconds": time.process_time() - self._cpu,
+            "journal": self.journal.state_dict(),
+            "recorder": self.recorder.state_dict(),
+            "trainer": self.trainer.state_dict(),
+        }
+        checkpoint.save(self._file, content)
+        self._saved, self._rounds = time.monotonic(), self.trainer.rounds
+
+    def _between(self, stop: signals.Stop) -> None:
+        due = self.trainer.rounds - self._rounds >= self.job.checkpoint_rounds
+        if stop or (due and time.monotonic() - self._saved >= self.job.checkpoint_seconds):
+            self.save()
+        if stop:
+            raise KeyboardInterrupt
+
+    def _note(self, step: int, values: dict[str, torch.Tensor]) -> None:
+        self.journal.log(step, {name: column.tolist() for name, column in values.items()})
+        self.recorder.note(step)
+        if "eval/success" in values:
+            success = float(values["eval/success"].mean())
+            self._news = f"{self.job.title}, round {self.trainer.rounds}, success {success:.2f}"
+
+    def _close(self, status: str, error: str | None) -> tuple[str, str | None]:
+        """Leave complete folders; the status that is true when that is not possible."""
+        try:
+            self.journal.flush()
+            summary = _summary(self.config, self.record, status, self.journal.seconds, time.process_time() - self._cpu)
+            summary["cpu_seconds"] /= len(self.group.seeds)
+            for index, seed in enumerate(self.group.seeds):
+                if seed not in self.group.wanted:
+                    continue
+                data = {name: digests[str(seed)] for name, digests in self.record.facts["data"].items()}
+                own = {"seed": seed, "metrics": self.journal.last[index], "data": data}
+                write_json(self.found.of(seed) / "summary.json", summary | own)
             if status == "FINISHED":
-                write_atomically(folder / "DONE", summary["config_hash"] + "\n")
-        record.finish(status, error)
-    return Result(job.title, folders, todo, done, status, time.time() - started, _final_metrics(folders), error)
+                for seed in self.group.wanted:
+                    write_atomically(self.found.of(seed) / "DONE", summary["config_hash"] + "\n")
+                checkpoint.remove(self._file)
+        except OSError as failure:  # the disk is full, or was taken away
+            status, error = "FAILED", error or f"{type(failure).__name__}: {failure}"
+        with suppress(OSError):
+            self.record.finish(status, error)
+        return status, error
 
 
 def _facts(
-    config: Mapping[str, Any],
-    overrides: Sequence[str],
-    parent: Path,
-    seeds: list[int],
-    folders: list[Path],
-    trainer: Trainer,
+    config: Mapping[str, Any], overrides: Sequence[str], found: runs.Folders, group: runs.Group, trainer: Trainer
 ) -> dict[str, Any]:
     job = jobs.Job.of(config)
     return {
         "experiment": job.experiment,
         "method": job.method,
         "title": job.title,
-        "slug": parent.name,
+        "slug": found.parent.name,
         "env": config["env"]["_target_"].rpartition(".")[2],
-        "seeds": seeds,
-        "folders": [str(folder.relative_to(job.folder)) for folder in folders],
+        "seeds": list(group.wanted),
+        "folders": [str(found.of(seed).relative_to(job.folder)) for seed in group.wanted],
         "config_hash": jobs.identity(config),
         "config": dict(config),
         "overrides": list(overrides),
         "data": {
-            name: dict(zip(map(str, seeds), digests, strict=True)) for name, digests in trainer.env.digests().items()
+            name: dict(zip(map(str, group.seeds), digests, strict=True))
+            for name, digests in trainer.env.digests().items()
         },
     }
 
 
-def _summary(config: Mapping[str, Any], record: JobRecord, status: str, cpu_seconds: float) -> dict[str, Any]:
-    """What is common to the runs of a job; CPU seconds are the job's, divided evenly."""
-    facts, now = record.facts, time.time()
-    share = 1 / len(facts["seeds"])
+def _summary(
+    config: Mapping[str, Any], record: JobRecord, status: str, wall_seconds: float, cpu_seconds: float
+) -> dict[str, Any]:
+    """What is common to the runs of a job."""
+    facts = record.facts
     kept = {key: facts[key] for key in ("experiment", "method", "slug", "session", "config_hash")}
     return kept | {
         "status": status,
         "job": facts["id"],
         "started": facts["started"],
-        "finished": now,
-        "wall_seconds": now - facts["started"],
-        "cpu_seconds": cpu_seconds * share,
+        "finished": time.time(),
+        "wall_seconds": wall_seconds,
+        "cpu_seconds": cpu_seconds,
         "git_commit": git_commit(),
         "versions": versions(),
         "paper": {"name": config["title"]},

@@ -150,6 +150,15 @@ class JobRecord:
         }
         write_json(self._path, self.facts)
 
+    @staticmethod
+    def settle(session: Session, number: int) -> None:
+        """Say that a job, all of whose runs are done, has finished, where it was killed before it could."""
+        path = session.folder / f"job-{number}.json"
+        if path.exists():
+            facts = json.loads(path.read_text(encoding="utf-8"))
+            if facts["status"] != "FINISHED":
+                write_json(path, facts | {"status": "FINISHED", "finished": time.time(), "error": None})
+
     def finish(self, status: str, error: str | None = None) -> None:
         """Say how the job ended."""
         self.facts |= {"status": status, "finished": time.time(), "error": error}

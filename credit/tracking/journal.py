@@ -15,7 +15,10 @@ from typing import Any
 
 import yaml
 
+from credit.errors import UserError
+
 FLUSH_SECONDS = 1.0
+SECONDS = "time/seconds"
 PACKAGES = ("credit", "torch", "numpy", "gymnasium", "hydra-core", "mlflow")
 
 
@@ -23,21 +26,32 @@ class Journal:
     """`metrics.csv` of several runs that are computed side by side.
 
     Args:
-        folders: one folder a run; they are created, an old journal in them is replaced.
-        started: when the job started, epoch seconds.
+        folders: one folder a run; they are created, an old journal in them is replaced. None is a run that is finished:
+            its folder is left alone.
+        state: what `state_dict` gave when the runs were interrupted. Rows that were written after it stay, and are not
+            written again when they are computed again: who has read them has read the truth.
+
+    Raises:
+        UserError: an interrupted journal is not there any more.
     """
 
-    def __init__(self, folders: Sequence[Path], started: float) -> None:
+    def __init__(self, folders: Sequence[Path | None], state: Mapping[str, Any] | None = None) -> None:
         self.folders = list(folders)
         self.last: list[dict[str, float]] = [{} for _ in folders]
-        self._started = started
         self._columns: list[str] = []
         self._lines: list[list[str]] = [[] for _ in folders]
-        self._flushed = 0.0
-        for folder in self.folders:
-            folder.mkdir(parents=True, exist_ok=True)
-            for name in ("metrics.csv", "summary.json", "recovery.npz", "trajectories.npz", "DONE"):
-                (folder / name).unlink(missing_ok=True)
+        self._ahead: list[list[str]] = [[] for _ in folders]  # rows that an interrupted run was ahead of its state
+        self._flushed, self._rows = 0.0, 0
+        self._begun = time.monotonic()  # the clock on the wall may go back
+        if state is None:
+            self._clear()
+        else:
+            self._go_on(state)
+
+    @property
+    def seconds(self) -> float:
+        """How long the runs have been computed, interruptions left out."""
+        return time.monotonic() - self._begun
 
     def log(self, step: int, values: Mapping[str, Sequence[float]]) -> None:
         """Add a row to every run: metric → one value a run. A value that is not known is NaN and leaves its cell empty.
@@ -46,28 +60,82 @@ class Journal:
             ValueError: the metrics differ from those of the first row.
         """
         if not self._columns:
-            self._columns = [*values, "time/seconds"]
-            header = ",".join(["step", *self._columns]) + "\n"
-            for lines in self._lines:
-                lines.append(header)
-        if [*values, "time/seconds"] != self._columns:
+            self._columns = [*values, SECONDS]
+            for lines, ahead in zip(self._lines, self._ahead, strict=True):
+                lines += [] if ahead else [",".join(["step", *self._columns]) + "\n"]
+                del ahead[:1]
+        if [*values, SECONDS] != self._columns:
             raise ValueError(f"the journal has the columns {self._columns}, not {list(values)}")
-        seconds = round(time.time() - self._started, 3)
+        seconds = round(self.seconds, 3)
+        self._rows += 1
         for index, lines in enumerate(self._lines):
-            row = {name: float(column[index]) for name, column in values.items()} | {"time/seconds": seconds}
+            row = {name: float(column[index]) for name, column in values.items()} | {SECONDS: seconds}
+            line = ",".join([str(step), *("" if v != v else repr(v) for v in row.values())]) + "\n"
+            if known := self._known(index, line):
+                row[SECONDS] = float(known.rpartition(",")[2])
+            else:
+                lines.append(line)
             self.last[index] = row
-            lines.append(",".join([str(step), *("" if v != v else repr(v) for v in row.values())]) + "\n")
         if time.monotonic() - self._flushed > FLUSH_SECONDS:
             self.flush()
 
-    def flush(self) -> None:
-        """Write what is buffered."""
+    def flush(self, durable: bool = False) -> None:
+        """Write what is buffered; `durable` means that it is there after a power cut, too."""
         for folder, lines in zip(self.folders, self._lines, strict=True):
-            if lines:
+            if folder is not None and (lines or durable):
                 with (folder / "metrics.csv").open("a", encoding="utf-8") as file:
                     file.write("".join(lines))
-                lines.clear()
+                    if durable:
+                        file.flush()
+                        os.fsync(file.fileno())
+            lines.clear()
         self._flushed = time.monotonic()
+
+    def state_dict(self) -> dict[str, Any]:
+        """Columns, the number of rows, the last one, and the time taken: what to go on from."""
+        return {"columns": self._columns, "rows": self._rows, "last": self.last, "seconds": self.seconds}
+
+    def _clear(self) -> None:
+        for folder in filter(None, self.folders):
+            folder.mkdir(parents=True, exist_ok=True)
+            for name in ("DONE", "checkpoint.pt", "metrics.csv", "summary.json", "recovery.npz", "trajectories.npz"):
+                (folder / name).unlink(missing_ok=True)
+
+    def _go_on(self, state: Mapping[str, Any]) -> None:
+        self._columns, self._rows, self.last = list(state["columns"]), state["rows"], list(state["last"])
+        self._begun -= state["seconds"]
+        written = self._rows + bool(self._columns)  # with the header
+        for index, folder in enumerate(self.folders):
+            if folder is None:
+                continue
+            path = folder / "metrics.csv"
+            text = path.read_text(encoding="utf-8") if path.exists() else ""
+            whole = text[: text.rfind("\n") + 1]  # the last line may have been cut short
+            lines = whole.splitlines(keepends=True)
+            if len(lines) < written:
+                raise UserError(
+                    f"{path}: has {len(lines)} lines, and the checkpoint beside it was written after {written}; "
+                    "restore the file, or compute the run anew with rerun=true"
+                )
+            if whole != text:
+                write_atomically(path, whole)
+            self._ahead[index] = lines[written:]
+
+    def _known(self, index: int, line: str) -> str | None:
+        """The row that an interrupted run has written already, if it is this one but for the time."""
+        if not self._ahead[index]:
+            return None
+        known = self._ahead[index].pop(0)
+        if known.rpartition(",")[0] == line.rpartition(",")[0]:
+            return known
+        # on a GPU the same round may come out otherwise: what follows the old row is of another run
+        folder, rest = self.folders[index], 1 + len(self._ahead[index])
+        assert folder is not None
+        path = folder / "metrics.csv"
+        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+        write_atomically(path, "".join(lines[:-rest]))
+        self._ahead[index].clear()
+        return None
 
 
 def write_atomically(path: Path, text: str) -> None:

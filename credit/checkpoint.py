@@ -1,0 +1,97 @@
+"""The state of a job between two rounds in a file: written whole or not at all, read without running any code."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import zipfile
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from credit.errors import UserError
+
+NAME = "checkpoint.pt"
+FORMAT, VERSION = "credit checkpoint", 1
+
+
+def save(path: Path, content: Mapping[str, Any]) -> None:
+    """Write tensors and plain data: a reader, or who comes after a power cut, sees the old file or the new one.
+
+    Raises:
+        OSError: the disk is full or cannot be written; what was there before is still there.
+    """
+    temporary = path.with_name(f".{path.name}")  # one name: who was killed leaves it to the next
+    try:
+        with temporary.open("wb") as file:
+            torch.save({"format": FORMAT, "version": VERSION, **content}, file)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+        _sync_folder(path.parent)
+    except RuntimeError as error:  # how PyTorch's writer reports that the disk is full
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise OSError(f"{path}: the checkpoint could not be written ({_first_line(error)})") from error
+    except BaseException:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise
+
+
+def remove(path: Path) -> None:
+    """Remove a checkpoint that nobody needs any more, and what a kill left of another."""
+    path.unlink(missing_ok=True)
+    path.with_name(f".{path.name}").unlink(missing_ok=True)
+
+
+def load(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
+    """Read a checkpoint: tensors and plain data, nothing else.
+
+    Raises:
+        UserError: the file is missing, damaged, of another kind, or wants to run code.
+    """
+    what_to_do = "Nothing was changed. Restore the file from a copy, or compute the run anew with rerun=true"
+    try:
+        with zipfile.ZipFile(path) as archive:  # PyTorch reads past bits that have flipped
+            if damaged := archive.testzip():
+                raise UserError(f"{path}: the checkpoint is damaged (wrong checksum of {damaged}). {what_to_do}")
+        content = torch.load(path, map_location=device, weights_only=True)
+    except FileNotFoundError:
+        raise UserError(f"{path}: there is no checkpoint") from None
+    except (zipfile.BadZipFile, EOFError):
+        size = path.stat().st_size
+        raise UserError(f"{path}: the checkpoint is damaged or no checkpoint ({size} bytes). {what_to_do}") from None
+    except pickle.UnpicklingError as error:
+        raise UserError(
+            f"{path}: refused, since it holds more than tensors and plain data and could run code when it is read "
+            f"({_first_line(error)}). {what_to_do}"
+        ) from None
+    except (RuntimeError, ValueError, KeyError, TypeError, AttributeError) as error:
+        if isinstance(error, UserError):
+            raise
+        raise UserError(f"{path}: no checkpoint of credit ({_first_line(error)}). {what_to_do}") from None
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise UserError(f"{path}: a file of PyTorch, but no checkpoint of credit. {what_to_do}")
+    if content["version"] != VERSION:
+        raise UserError(
+            f"{path}: a checkpoint of format {content['version']}, and this credit reads format {VERSION}; go on with "
+            "the credit that wrote it, or compute the run anew with rerun=true"
+        )
+    return content
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make a rename last through a power cut."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0][:200]
