@@ -15,12 +15,20 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from credit.loading import Run, load
+    from credit.resuming import resume
     from credit.runner import Result, compose, run
 
 os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # TorchRL reads it once, and tells of every buffer otherwise
 
-__all__ = ["Result", "Run", "compose", "load", "run"]
-_HOMES = {"compose": "runner", "load": "loading", "Result": "runner", "Run": "loading", "run": "runner"}
+__all__ = ["Result", "Run", "compose", "load", "resume", "run"]
+_HOMES = {
+    "compose": "runner",
+    "load": "loading",
+    "resume": "resuming",
+    "Result": "runner",
+    "Run": "loading",
+    "run": "runner",
+}
 
 
 def __getattr__(name: str) -> Any:

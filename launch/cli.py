@@ -12,6 +12,7 @@ from credit.errors import UserError, nearest
 
 COMMANDS = {
     "train": ("[overrides]", "run one job; with -m a sweep over comma-separated values"),
+    "resume": ("DIR", "finish a run or a sweep from its folder alone"),
     "compare": ("[overrides]", "tables, intervals and figures from finished runs"),
     "list": ("[KIND]", "every registered component: name, one line, parameters with their defaults"),
     "check": ("[overrides]", "compose and check a configuration, build nothing"),
