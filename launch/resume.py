@@ -51,9 +51,8 @@ def _session(folder: Path) -> int:
     now = [job.plan(job.checked(registry.compose(each, facts["config_dirs"])), each) for each in jobs]
     if now != facts["plan"]:
         raise UserError(
-            f"{folder}: `{facts['command']}` means other jobs than when it was typed, since the configuration of credit "
-            f"has changed: {_changes(folder, facts['plan'], now)}. Its runs can still be finished one by one, by their "
-            "folders"
+            f"{folder}: `{facts['command']}` means other jobs than when it was typed, since the configuration of "
+            f"credit has changed: {_changes(folder, facts['plan'], now)}. Its runs can still be finished by their folders"
         )
     dirs = [f"--config-dir={path}" for path in facts["config_dirs"]]
     return train.main([*words.flags, *dirs, *overrides])
