@@ -52,7 +52,7 @@ def _session(folder: Path) -> int:
     if now != facts["plan"]:
         raise UserError(
             f"{folder}: `{facts['command']}` means other jobs than when it was typed, since the configuration of "
-            f"credit has changed: {_changes(folder, facts['plan'], now)}. Its runs can still be finished by their folders"
+            f"credit has changed: {_changes(folder, facts['plan'], now)}; finish its runs by their folders"
         )
     dirs = [f"--config-dir={path}" for path in facts["config_dirs"]]
     return train.main([*words.flags, *dirs, *overrides])
