@@ -20,7 +20,7 @@ class Lock:
     """An exclusive lock on a file, which says who holds it; also between machines where the file system has locks.
 
     Args:
-        path: of the file; its folder exists. It stays when the lock ends, since removing it would let two hold it.
+        path: of the file; its folder exists. It is removed with the lock, and stays where its process was killed.
         what: what is locked, for messages.
     """
 
@@ -33,15 +33,20 @@ class Lock:
         if self._handle is not None:
             return True
         _room_for_handles()
-        handle = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(handle)
-            return False
-        except BaseException:
-            os.close(handle)
-            raise
+        while True:
+            handle = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                current = self._is(handle)
+            except BlockingIOError:
+                os.close(handle)
+                return False
+            except BaseException:
+                os.close(handle)
+                raise
+            if current:
+                break
+            os.close(handle)  # who held it has just removed it
         holder = {"host": socket.gethostname(), "pid": os.getpid(), "since": time.strftime("%Y-%m-%d %H:%M:%S")}
         with contextlib.suppress(OSError):  # a full disk: the lock holds without a name
             os.ftruncate(handle, 0)
@@ -52,8 +57,17 @@ class Lock:
     def release(self) -> None:
         """Let others take it."""
         if self._handle is not None:
+            with contextlib.suppress(OSError):
+                self.path.unlink(missing_ok=True)
             os.close(self._handle)
             self._handle = None
+
+    def _is(self, handle: int) -> bool:
+        """Whether the file is still the one that lies there."""
+        try:
+            return os.path.samestat(os.fstat(handle), self.path.stat())
+        except FileNotFoundError:
+            return False
 
     def held_elsewhere(self) -> bool:
         """Whether somebody else holds it now."""
