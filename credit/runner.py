@@ -109,7 +109,7 @@ def run_job(
 ) -> Result:
     """Compute the seeds of a checked job that are not done yet.
 
-    A failure becomes the result's status and error, its traceback goes to `error.log` in the session's folder.
+    A failure becomes the result's status and error, its traceback goes to `job-<number>.log` in the session's folder.
 
     Raises:
         UserError: the parts refuse their sizes, or a folder holds another run; no run was touched.
@@ -122,7 +122,7 @@ def run_job(
     if not todo:
         return Result(job.title, folders, [], done, "FINISHED", 0.0, _final_metrics(folders))
     trainer: Trainer = schema.build(config, "trainer")
-    trainer.start(tuple(todo), jobs.device(job.device))
+    trainer.start(tuple(todo), jobs.device(job.device, number))
     recorder = Recorder(trainer)
     fresh = [parent / f"seed-{seed}" for seed in todo]
     started, cpu = time.time(), time.process_time()
@@ -148,7 +148,7 @@ def run_job(
         status = "FINISHED"
     except Exception as failure:  # a component may raise anything; the job says so, and a sweep goes on
         status, error = "FAILED", f"{type(failure).__name__}: {failure}"
-        with (session.folder / "error.log").open("a", encoding="utf-8") as log:
+        with (session.folder / f"job-{number}.log").open("a", encoding="utf-8") as log:
             log.write(f"job {number} ({job.method}, seeds {todo[0]}–{todo[-1]})\n{traceback.format_exc()}\n")
     finally:
         journal.flush()
