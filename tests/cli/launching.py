@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -16,7 +17,7 @@ import credit
 
 ROOT = Path(credit.__file__).resolve().parents[1]
 SHORT = ("experiment=advertiser", "method=random", "trainer.steps=700", "replicas=1", "tracking=none")
-PARTS = '''
+PARTS = """
 import os
 import time
 from pathlib import Path
@@ -43,7 +44,7 @@ class Killed(BlockSum):
             Path("kill").unlink()
             os.kill(os.getpid(), 9)
         return super().__call__(rewards)
-'''
+"""
 
 
 def misbehaving(folder: Path) -> None:
@@ -102,10 +103,8 @@ def alive(pid: int) -> bool:
 
 def kill_group(process: subprocess.Popen[str]) -> None:
     """End what is left of a command."""
-    try:
+    with contextlib.suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
-    except ProcessLookupError:
-        pass
     process.wait()
 
 

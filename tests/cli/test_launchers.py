@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import signal
+import subprocess
 import sys
 from pathlib import Path
 
@@ -13,7 +16,7 @@ from credit.errors import UserError
 from launch.board import Board
 from launch.task import Parent
 
-from .launching import SHORT, alive, begin, done, kill_group, misbehaving, run, session, status, until
+from .launching import SHORT, alive, begin, done, environment, kill_group, misbehaving, run, session, status, until
 
 TWO = ("hydra/launcher=local", "hydra.launcher.n_jobs=2")
 
@@ -144,6 +147,21 @@ def test_submitit(site):
     assert status(site) == ["FAILED", "FINISHED", "FAILED", "FINISHED"]
 
 
+ISOLATED = ["unshare", "--net", "--pid", "--fork", "--kill-child", "--mount-proc"]
+
+
+@pytest.mark.slow
+def test_a_ray_cluster_that_loses_a_node_in_mid_sweep(site):
+    pytest.importorskip("ray")
+    if not shutil.which("unshare") or subprocess.run([*ISOLATED, "true"], capture_output=True, check=False).returncode:
+        pytest.skip("two Ray nodes on one machine need a network namespace, which only root can make")
+    inside = [*ISOLATED, sys.executable, str(Path(__file__).with_name("two_nodes.py")), str(site)]
+    ended = subprocess.run(inside, env=environment(site), capture_output=True, text=True, timeout=300, check=False)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    assert "jobs     4 done\n" in ended.stdout
+    assert status(site) == ["FINISHED"] * 5
+
+
 def test_a_launcher_that_is_not_installed(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(UserError, match=r"pip install 'credit\[ray\]'"):
@@ -196,7 +214,4 @@ def begun(site: Path) -> list[int]:
 
 
 def _pidfd(pid: int) -> int:
-    assert sys.platform == "linux"
-    import os
-
     return os.pidfd_open(pid)
