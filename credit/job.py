@@ -6,9 +6,9 @@ import hashlib
 import json
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import torch
 import yaml
@@ -28,7 +28,7 @@ class Job:
         seed: first seed. replicas: seeds side by side. device: cpu, cuda, cuda:<n> or auto.
         checkpoint_rounds: rounds between two checkpoints, at least. checkpoint_seconds: and seconds.
         output: folder of all runs. rerun: compute again what is done. session: id of the `credit train`.
-        written_for: the only experiment of a method, where it has one.
+        sweep: what becomes of a sweep's other jobs. written_for: the only experiment of a method, where it has one.
     """
 
     experiment: str
@@ -42,6 +42,7 @@ class Job:
     output: str = "outputs"
     rerun: bool = False
     session: str | None = None
+    sweep: dict[Literal["on_error"], Literal["continue", "stop"]] = field(default_factory=dict)
     written_for: str | None = None
 
     @classmethod
@@ -150,9 +151,17 @@ def differences(earlier: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]
     return [f"{key}: {first.get(key)} → {second.get(key)}" for key in keys if first.get(key) != second.get(key)]
 
 
-def device(name: str) -> torch.device:
-    """The device that a name means here; `auto` is cuda where there is one."""
-    return torch.device(("cuda" if torch.cuda.is_available() else "cpu") if name == "auto" else name)
+def device(name: str, number: int = 0) -> torch.device:
+    """The device that a name means here; `auto` is cuda where there is one. Jobs take turns at the visible GPUs.
+
+    Args:
+        name: cpu, cuda, cuda:<n> or auto. number: of the job in its sweep.
+    """
+    if name == "auto":
+        name = "cuda" if torch.cuda.is_available() else "cpu"
+    if name == "cuda" and torch.cuda.device_count():
+        name = f"cuda:{number % torch.cuda.device_count()}"
+    return torch.device(name)
 
 
 def _device_problems(name: str) -> list[str]:

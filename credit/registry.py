@@ -1,4 +1,4 @@
-"""The table of kinds, and the only module that knows Hydra: compose, check, sweep, list.
+"""The table of kinds, and Hydra as far as it composes: compose, expand a sweep, list.
 
 The YAML file is the registration: `conf/<kind>/<name>.yaml` names a class by `_target_`, and that is all it takes.
 """
@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import importlib.util
 import re
-import sys
-from collections.abc import Callable, Iterator, Sequence
+import warnings
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import entry_points
@@ -32,6 +32,7 @@ CIRCUMSTANCES = (
     "output",
     "session",
     "rerun",
+    "sweep",
     "tracking",
     "written_for",
     "checkpoint_rounds",
@@ -80,6 +81,7 @@ CHOICES = {  # folders that choose among the kinds, and build nothing themselves
     "recovery": "what learns a reward from labels (set by the experiment)",
     "oracle": "which reward model the oracle has (set by the experiment)",
     "learner": "which optimizer model-free methods use (set by the experiment)",
+    "sweep": "the jobs of a table or figure, by one word: credit train -m sweep=…",
 }
 
 
@@ -117,26 +119,67 @@ def compose(overrides: Sequence[str] = (), config_dirs: Sequence[str] = ()) -> d
     Raises:
         UserError: an override cannot be parsed, or names no option or key.
     """
-    with _hydra():
+    if named := [text for text in overrides if is_sweep_file(text)]:
+        raise UserError(f"{named[0]!r} is a sweep of many jobs, and this is one; `credit train -m {named[0]}` runs it")
+    with composing():
         return _compose(list(overrides), config_dirs)
 
 
-def expand(overrides: Sequence[str]) -> list[list[str]]:
-    """The overrides of every job of a sweep, in the order in which Hydra's basic sweeper runs them."""
+def expand(overrides: Sequence[str], config_dirs: Sequence[str] = ()) -> list[list[str]]:
+    """The overrides of every job of a sweep, in the order in which Hydra's basic sweeper has them.
+
+    `sweep=<name>` stands for the words in its file: those in `hydra.sweeper.params`, and once more for each of
+    `sweep.rows` with the words of that row. Of two words for one key the later counts: params, row, command line.
+
+    Raises:
+        UserError: an override cannot be parsed, or there is no such file.
+    """
     from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 
-    with _hydra():
-        parsed = [_parse(text) for text in overrides]
-        jobs: list[list[str]] = BasicSweeper.split_arguments(
-            [override for override in parsed if not override.key_or_group.startswith("hydra")],
-            max_batch_size=None,
-        )[0]
+    typed = [text for text in overrides if not is_sweep_file(text)]
+    files = [text for text in overrides if is_sweep_file(text)]
+    jobs: list[list[str]] = []
+    with composing():
+        for words in _words(files, config_dirs) if files else [[]]:
+            parsed = [_parse(text) for text in (*words, *typed)]
+            kept = [override for override in parsed if not override.key_or_group.startswith("hydra")]
+            jobs += BasicSweeper.split_arguments(kept, max_batch_size=None)[0]
     return jobs
+
+
+def _words(files: list[str], config_dirs: Sequence[str]) -> list[list[str]]:
+    """The words that a sweep's file stands for: one list for its grid, and one for each of its rows."""
+    if len(files) > 1 or is_sweep(files[0]):
+        raise UserError(f"{' '.join(files)}: one sweep at a time; run one after the other")
+    config = hydra_node(files, config_dirs, whole=True)
+    grid = [f"{key}={value}" for key, value in (config["hydra"]["sweeper"]["params"] or {}).items()]
+    return [grid, *([*grid, *row.split()] for row in config["sweep"].get("rows", ()))]
+
+
+def hydra_node(overrides: Sequence[str], config_dirs: Sequence[str] = (), whole: bool = False) -> dict[str, Any]:
+    """Hydra's own part of a configuration, not resolved; `whole`: with all the rest.
+
+    Raises:
+        UserError: an override names no option or key.
+    """
+    with composing():
+        try:
+            words = [*overrides, *search_override(config_dirs)]
+            config = hydra.compose(CONFIG_NAME, overrides=words, return_hydra_config=True)
+        except (HydraException, OmegaConfBaseException) as error:
+            raise UserError(_explain(error, list(overrides), config_dirs)) from None
+    found: Any = OmegaConf.to_container(config, resolve=False)
+    return found if whole else found["hydra"]
 
 
 def is_sweep(override: str) -> bool:
     """Whether an override names several values."""
     return bool(_parse(override).is_sweep_override())
+
+
+def is_sweep_file(override: str) -> bool:
+    """Whether an override chooses a sweep that stands in a file."""
+    return override.startswith("sweep=")
 
 
 def slug(overrides: Sequence[str]) -> str:
@@ -155,26 +198,8 @@ def _spelled(text: str) -> str:
     """An override as Hydra's sweeper spells it: `.3` and `0.3` are one folder."""
     parsed = _parse(text)
     if parsed.is_delete():
-        return text
+        return text.removesuffix("=null")  # as the sweeper spells it
     return f"{parsed.key_or_group}{f'@{parsed.package}' if parsed.package else ''}={parsed.get_value_element_as_str()}"
-
-
-def launch(task: Callable[[Any], Any], overrides: Sequence[str], multirun: bool, config_dirs: Sequence[str]) -> None:
-    """Hand a task to Hydra: one job, or a sweep by Hydra's own sweeper and launcher plugins."""
-    arguments = [*(["--multirun"] if multirun else []), *overrides, *_search_override(config_dirs)]
-    before, sys.argv = sys.argv, ["credit", *arguments]
-    try:
-        hydra.main(version_base="1.3", config_path=str(conf_dir()), config_name=CONFIG_NAME)(task)()
-    finally:
-        sys.argv = before
-
-
-def job_overrides() -> tuple[int, list[str]]:
-    """Inside a task: the number of this job in its sweep, and its overrides."""
-    from hydra.core.hydra_config import HydraConfig
-
-    config = HydraConfig.get()
-    return OmegaConf.select(config, "job.num", default=0) or 0, list(config.overrides.task)
 
 
 def plain(config: Any) -> dict[str, Any]:
@@ -199,9 +224,11 @@ def describe_file(path: Path) -> str:
 
 
 @contextmanager
-def _hydra() -> Iterator[None]:
+def composing() -> Iterator[None]:
     """Hydra's compose API, which leaves no global state behind."""
     GlobalHydra.instance().clear()
+    # our launcher `ray` has the name of the plugin's own schema, which then checks it: that is welcome
+    warnings.filterwarnings("ignore", message=r"\s*'hydra/launcher/ray' is validated against ConfigStore schema")
     with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3", job_name="credit"):
         yield
 
@@ -210,7 +237,7 @@ def _compose(overrides: list[str], config_dirs: Sequence[str]) -> dict[str, Any]
     for text in overrides:
         _parse(text)
     try:
-        return plain(hydra.compose(CONFIG_NAME, overrides=[*overrides, *_search_override(config_dirs)]))
+        return plain(hydra.compose(CONFIG_NAME, overrides=[*overrides, *search_override(config_dirs)]))
     except (HydraException, OmegaConfBaseException, ValueError) as error:  # ValueError: `mixer=null`, `mixer=3`
         raise UserError(_explain(error, overrides, config_dirs)) from None
 
@@ -263,7 +290,7 @@ def _first_line(error: Exception) -> str:
     return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
 
 
-def _search_override(config_dirs: Sequence[str]) -> list[str]:
+def search_override(config_dirs: Sequence[str]) -> list[str]:
     """The override that tells Hydra of the folders beside ours."""
     folders = [f"file://{folder}" for folder in search_path(config_dirs)[1:]]
     return [f"hydra.searchpath=[{','.join(folders)}]"] if folders else []

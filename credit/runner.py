@@ -30,7 +30,8 @@ class Result:
 
     Attributes:
         title: the method's name in tables. folders: one a seed, those that were done before included.
-        computed: seeds that were computed now. resumed: seeds that were gone on with. skipped: that were done before.
+        computed: seeds that were computed now. resumed: those of them that had been interrupted. skipped: seeds that
+            were done before.
         status: FINISHED or FAILED. seconds: wall time. error: why it failed.
         metrics: name → final values of all seeds, in the order of the folders; of those that finished.
     """
@@ -131,7 +132,8 @@ def run_job(
         for group in found.groups:
             work = Work(config, overrides, session, number, found, group)
             status, error = work.compute(progress)
-            (resumed if group.interrupted else computed).extend(group.wanted)
+            computed += group.wanted
+            resumed += group.wanted if group.interrupted else ()
             if status != "FINISHED":
                 break
         if not found.groups:
@@ -161,7 +163,7 @@ class Work:
         self.config, self.session, self.number = config, session, number
         self.job, self.found, self.group = jobs.Job.of(config), found, group
         self.trainer: Trainer = schema.build(config, "trainer")
-        device = jobs.device(self.job.device)
+        device = jobs.device(self.job.device, number)
         self.trainer.start(group.seeds, device)
         self.recorder = Recorder(self.trainer)
         state = checkpoint.load(group.interrupted, device) if group.interrupted else None

@@ -26,7 +26,7 @@ class Stop:
 def noted() -> Iterator[Stop]:
     """Note the first SIGINT or SIGTERM; the second one is KeyboardInterrupt at once.
 
-    Outside the main thread, where Python handles no signals, nothing is noted.
+    What is ignored stays ignored: a worker that shares a terminal with its command leaves Ctrl-C to it. Outside the main thread, where Python handles no signals, nothing is noted.
     """
     stop = Stop()
 
@@ -34,12 +34,14 @@ def noted() -> Iterator[Stop]:
         if stop:
             raise KeyboardInterrupt
         stop.asked = True
-        os.write(2, b"stopping after this round, with a checkpoint; once more stops at once\n")
+        if number == signal.SIGINT:
+            os.write(2, b"\nstopping after this round, with a checkpoint; once more stops at once\n")
 
     if threading.current_thread() is not threading.main_thread():
         yield stop
         return
-    before = {number: signal.signal(number, note) for number in STOPS}
+    heard = [number for number in STOPS if signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, note) for number in heard}
     try:
         yield stop
     finally:

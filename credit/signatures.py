@@ -47,6 +47,8 @@ def describe(hint: Any) -> str:
         return "one of " + ", ".join(str(value) for value in inner)
     if origin in (typing.Union, types.UnionType):
         return " or ".join(describe(part) for part in inner)
+    if origin is dict:
+        return f"a mapping: {describe(inner[0])} → {describe(inner[1])}"
     if origin is not None and inner:
         return f"list of {describe(inner[0])}"
     return "null" if hint is type(None) else str(getattr(hint, "__name__", hint))

@@ -8,7 +8,7 @@ import yaml
 
 from launch.cli import guarded
 from launch.common import Words, help_text
-from launch.train import checked_jobs
+from launch.train import checked_jobs, sweeps
 
 
 def main(argv: list[str]) -> int:
@@ -17,8 +17,9 @@ def main(argv: list[str]) -> int:
     if words.help:
         print(help_text("check", "[-m] [group=option] [key=value] ...", words.config_dirs))
         return 0
-    configs = checked_jobs(words, multirun=bool(words.flags))
-    if words.flags:
+    multirun = sweeps(words)
+    configs = checked_jobs(words, multirun)
+    if multirun:
         for _, overrides in configs:
             print(" ".join(overrides))
         print(f"# {len(configs)} jobs, all right")

@@ -47,7 +47,7 @@ def _session(folder: Path) -> int:
     words = Words.parse(argv, flags=("-m", "--multirun"))
     overrides = [text for text in words.overrides if not text.startswith("output=")]
     overrides.append(f"output={folder.parents[1]}")
-    jobs = registry.expand(overrides) if words.flags else [overrides]
+    jobs = registry.expand(overrides, words.config_dirs) if train.sweeps(words) else [overrides]
     now = [job.plan(job.checked(registry.compose(each, facts["config_dirs"])), each) for each in jobs]
     if now != facts["plan"]:
         raise UserError(
@@ -71,7 +71,7 @@ def _runs(folder: Path) -> int:
 
     results = resume(folder)
     for result in results:
-        seeds = f"{len(result.resumed)} seeds resumed, {len(result.computed)} computed from the start"
+        seeds = f"{len(result.computed)} seeds, {len(result.resumed)} of them resumed"
         line = f"failed   {result.title}: {result.error}" if result.error else f"done     {result.title}: {seeds}"
         print(line)
     if not results:

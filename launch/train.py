@@ -3,81 +3,86 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import shlex
 import signal
 import sys
+import threading
+import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from credit import registry
+from credit import launchers, registry
 from credit.errors import UserError
+from launch.board import Board
 from launch.cli import guarded
 from launch.common import Words, help_text
+from launch.follow import Follower, Job, counts, shown, status, table
+from launch.task import BEAT, Parent, Task
 
-HEADLINES = ("regret/cumulative", "policy/error", "reward/mse", "eval/final", "eval/auc", "return/label")
-
-
-@dataclass
-class Outcome:
-    """How a command's jobs ended."""
-
-    results: list[Any] = field(default_factory=list)
-
-    @property
-    def status(self) -> str:
-        """FAILED if any job failed."""
-        return "FAILED" if any(result.status != "FINISHED" for result in self.results) else "FINISHED"
+ATTEMPTS = 3  # how often a launcher is started that breaks: a worker that is killed for memory takes others with it
+SILENT = 30 * BEAT  # a job that has posted nothing for so long does not run any more
 
 
 def main(argv: list[str]) -> int:
-    """Check everything, then run, then say where the runs lie and what to type next."""
+    """Check everything, then run, then say how it went, where the runs lie and what to type next."""
     words = Words.parse(argv, flags=("-m", "--multirun"))
     if words.help:
         print(help_text("train", "[-m] [group=option] [key=value] ...", words.config_dirs))
         return 0
-    multirun = bool(words.flags)
+    multirun = sweeps(words)
     if not multirun and (swept := [text for text in words.overrides if registry.is_sweep(text)]):
         raise UserError(f"{swept[0]!r} names several values: add -m to run a sweep, or give one")
-    configs = checked_jobs(words, multirun)
+    jobs = checked_jobs(words, multirun)
+    launcher = launchers.choose(words.overrides, len(jobs), uses_gpu(jobs), words.config_dirs)
 
     from credit import schema
-    from credit.job import Job, plan
+    from credit.job import Job as Facts
+    from credit.job import plan
     from credit.runner import place
     from credit.session import Session
 
-    for config, overrides in configs:
-        place(config, overrides)
-    first = configs[0][0]
+    parents = {place(config, overrides): None for config, overrides in jobs}
+    first = jobs[0][0]
     session = Session.begin(
-        Job.of(first).folder,
+        Facts.of(first).folder,
         "sweep" if multirun else "job",
         first["experiment"],
         ["train", *argv],
         first["tracking"],
-        [plan(config, overrides) for config, overrides in configs],
+        [plan(config, overrides) for config, overrides in jobs],
         words.config_dirs,
     )
+    board = Board(session.folder)
+    board.clear(jobs)
     tracking = schema.build(first, "tracking")
     tracking.start(session.folder, session.output)
     console = Console(stderr=True, highlight=False)
-    outcome, status = Outcome(), "KILLED"
+    follower, ended = Follower(board, jobs, console), "KILLED"
     try:
-        with interruptible(), bars(console, len(configs)) as bar:
-            launch(words, multirun, session, outcome, bar, console)
-        status = outcome.status
+        with follower, stoppable(board, follower, console):
+            launch(launcher, jobs, session, board, follower, words.config_dirs)
+        stands = [status(follower.facts.get(number)) for number in range(len(jobs))]
+        ended = "FINISHED" if {*stands} <= {"done", "done before"} else "FAILED"
     finally:
-        session.finish(status)
+        if multirun:
+            show(follower, jobs)
+        session.finish(ended)
         late = drain(tracking, console)
-    report(outcome, session, first, multirun, late)
-    return 0 if status == "FINISHED" else 1
+        board.end()
+    report([*parents], first, late)
+    return 0 if ended == "FINISHED" else 1
 
 
-def checked_jobs(words: Words, multirun: bool) -> list[tuple[dict[str, Any], list[str]]]:
+def sweeps(words: Words) -> bool:
+    """Whether the command is a sweep: `-m`, or a sweep from a file, which is nothing else."""
+    return bool(words.flags) or any(registry.is_sweep_file(text) for text in words.overrides)
+
+
+def checked_jobs(words: Words, multirun: bool) -> list[Job]:
     """The checked configuration and the overrides of every job.
 
     Raises:
@@ -85,7 +90,7 @@ def checked_jobs(words: Words, multirun: bool) -> list[tuple[dict[str, Any], lis
     """
     from credit.job import checked
 
-    jobs = registry.expand(words.overrides) if multirun else [words.overrides]
+    jobs = registry.expand(words.overrides, words.config_dirs) if multirun else [words.overrides]
     found, problems, remarks = [], {}, dict[str, None]()
     for overrides in jobs:
         try:
@@ -100,43 +105,83 @@ def checked_jobs(words: Words, multirun: bool) -> list[tuple[dict[str, Any], lis
     return found
 
 
-def launch(words: Words, multirun: bool, session: Any, outcome: Outcome, bar: Any, console: Console) -> None:
-    """Hand the job or the sweep to Hydra."""
-    from credit.job import checked
-    from credit.runner import run_job
+def uses_gpu(jobs: list[Job]) -> bool:
+    """Whether any job runs on a GPU."""
+    from credit.job import device
 
-    def task(composed: Any) -> str:
-        """One job, as Hydra composed it."""
-        config = checked(registry.plain(composed))
-        number, overrides = registry.job_overrides()
-        overrides = [text for text in overrides if not text.startswith("session=")]
-        result = run_job(config, overrides, session, number, bar)
-        outcome.results.append(result)
-        say(console, config, result, session)
-        return result.status
-
-    registry.launch(task, [*words.overrides, f"session={session.id}"], multirun, words.config_dirs)
+    return any(device(config["device"]).type == "cuda" for config, _ in jobs)
 
 
-def say(console: Console, config: dict[str, Any], result: Any, session: Any) -> None:
-    """One line about a job that has just ended."""
-    name = f"{result.title} on {config['experiment']}"
-    done = f", {len(result.skipped)} already done" if result.skipped else ""
-    if result.error:
-        line = f"[red]failed[/red]  {name}: {result.error} (traceback: {shown(session.folder / 'error.log')})"
-    elif result.computed:
-        values = [f"{key} {result.metrics[key].mean():.4g}" for key in HEADLINES if key in result.metrics]
-        took = f"{len(result.computed)} seeds in {result.seconds:.1f} s{done}"
-        line = f"[green]done[/green]    {name}: {took}. {', '.join(values)}"
-    else:
-        line = f"[green]done[/green]    {name}: all {len(result.skipped)} seeds were done before"
-    console.print(line, soft_wrap=True)
+def launch(
+    launcher: list[str], jobs: list[Job], session: Any, board: Board, follower: Follower, config_dirs: list[str]
+) -> None:
+    """Hand the jobs to Hydra's launcher; if that breaks, hand it again those that have not ended."""
+    os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")  # of workers
+    trouble: dict[int, str] = {}
+    for _ in range(ATTEMPTS):
+        left = tuple(number for number in range(len(jobs)) if not follower.ended(number))
+        if not left or board.stopped():
+            break
+        task = Task(Path.cwd(), session.output, session.id, left, Parent())
+        place = [f"session={session.id}", f"output='{session.output}'"]
+        try:
+            overrides = [[*jobs[number][1], *place] for number in left]
+            errors = launchers.launch(task, overrides, [*launcher, *place], config_dirs)
+        except Exception as error:  # whatever a launcher may raise when a worker or a node dies
+            trouble = dict.fromkeys(left, f"{type(error).__name__}: {str(error).strip().partition(os.linesep)[0]}")
+        else:
+            trouble = {left[index]: error for index, error in errors.items()}
+            break
+    if board.stopped() in ("interrupted", "now"):
+        raise KeyboardInterrupt
+    for number, reason in trouble.items():
+        if not follower.ended(number) and not board.stopped():
+            ended = {"state": "ended", "status": "FAILED", "title": jobs[number][0]["title"]}
+            board.post(number, ended | {"error": f"the launcher: {reason}"})
 
 
-def report(outcome: Outcome, session: Any, config: dict[str, Any], multirun: bool, late: str | None) -> None:
+@contextlib.contextmanager
+def stoppable(board: Board, follower: Follower, console: Console) -> Iterator[None]:
+    """Ctrl-C and SIGTERM: the jobs stop after a checkpoint; a second one ends all at once.
+
+    A job in this process hears the signal itself; workers are told by the board.
+    """
+    over = threading.Event()
+
+    def ended() -> None:
+        """Leave a launcher that waits for jobs which nobody will run."""
+        while any(time.time() - facts.get("beat", 0) < SILENT for facts in follower.running()):
+            if over.wait(BEAT):
+                return
+        if not over.wait(2 * BEAT):
+            signal.raise_signal(signal.SIGINT)
+
+    def stop(number: int, frame: Any) -> None:
+        if board.stopped() in ("interrupted", "now"):
+            board.stop("now")
+            raise KeyboardInterrupt
+        board.stop("interrupted")
+        console.print("stopping: jobs write a checkpoint first; once more ends them at once")
+        threading.Thread(target=ended, daemon=True).start()
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        over.set()
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def show(follower: Follower, jobs: list[Job]) -> None:
+    """The table of all jobs, and how many of each kind."""
+    Console(width=max(100, Console().width), highlight=False).print(table(follower.facts, jobs))
+    print("\n".join(counts(follower.facts, jobs)))
+
+
+def report(parents: list[Any], config: dict[str, Any], late: str | None) -> None:
     """Where the runs lie and what to type next."""
-    parents = sorted({folder.parent for result in outcome.results for folder in result.folders})
-    for parent in parents:
+    for parent in sorted(parents):
         print(f"runs     {shown(parent)}/seed-*")
     if late:
         print(f"tracking {late}")
@@ -144,43 +189,6 @@ def report(outcome: Outcome, session: Any, config: dict[str, Any], multirun: boo
     print(f"next     credit compare experiment={config['experiment']}{elsewhere}")
     if config["tracking"]["_target_"] != "credit.tracking.NoTracking":
         print(f"         credit dashboard{elsewhere}")
-
-
-def shown(path: Path) -> Path:
-    """A path relative to the working folder where it lies inside it."""
-    with contextlib.suppress(ValueError):
-        return path.relative_to(Path.cwd())
-    return path
-
-
-@contextlib.contextmanager
-def bars(console: Console, jobs: int) -> Iterator[Any]:
-    """A progress bar for the job that runs; quiet when the output is no terminal."""
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f}%"))
-    with Progress(
-        *columns,
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    ) as progress:
-        task, job, before = None, 0, 0
-
-        def advance(title: str, steps: int, total: int) -> None:
-            """Show how far the job is; the title says what it has come to."""
-            nonlocal task, job, before
-            begun = task is None or steps < before
-            job += begun
-            shown = f"{title} ({job} of {jobs})" if jobs > 1 else title
-            if begun and task is not None:
-                progress.remove_task(task)
-            if task is None or begun:
-                task = progress.add_task(shown, total=total)
-            progress.update(task, completed=steps, description=shown)
-            before = steps
-
-        yield advance
 
 
 def drain(tracking: Any, console: Console) -> str | None:
@@ -193,20 +201,6 @@ def drain(tracking: Any, console: Console) -> str | None:
 
         late: str | None = tracking.finish(timeout=120.0, on_progress=progress)
     return late
-
-
-@contextlib.contextmanager
-def interruptible() -> Iterator[None]:
-    """A SIGTERM ends a run as Ctrl-C does: journals closed, status KILLED."""
-
-    def stop(number: int, frame: Any) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, stop)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 if __name__ == "__main__":

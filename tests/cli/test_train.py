@@ -132,7 +132,7 @@ def test_infinite_labels_stop_the_run(credit, folder):
     assert json.loads((run / "summary.json").read_text())["status"] == "FAILED"
     session = next((folder / "outputs/sessions").iterdir())
     assert json.loads((session / "session.json").read_text())["status"] == "FAILED"
-    assert "Traceback" in (session / "error.log").read_text()
+    assert "Traceback" in (session / "job-0.log").read_text()
 
 
 def test_check_and_list_and_help_build_nothing(credit, folder):
