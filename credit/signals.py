@@ -26,7 +26,8 @@ class Stop:
 def noted() -> Iterator[Stop]:
     """Note the first SIGINT or SIGTERM; the second one is KeyboardInterrupt at once.
 
-    What is ignored stays ignored: a worker that shares a terminal with its command leaves Ctrl-C to it. Outside the main thread, where Python handles no signals, nothing is noted.
+    What is ignored stays ignored: a worker that shares a terminal with its command leaves Ctrl-C to it. Outside the
+    main thread, where Python handles no signals, nothing is noted.
     """
     stop = Stop()
 
