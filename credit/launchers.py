@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -63,6 +64,7 @@ def launch(
     Returns:
         Number of the job → what the task raised; it is meant to raise nothing.
     """
+    os.environ.setdefault("RAY_AUTH_MODE", "token")  # a Ray that anybody may join runs anybody's code
     with registry.composing():
         state = GlobalHydra.instance()
         words = [*overrides, *registry.search_override(config_dirs)]

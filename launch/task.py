@@ -72,20 +72,21 @@ class Task:
         number = self.numbers[job_number()]
         if board.stopped() or (not self.parent.here() and self.parent.gone()):
             return  # the terminal says that it was not run
-        with Pulse(board, number, self.parent) as pulse:
+        with interruptible(self.parent.here()), Pulse(board, number, self.parent) as pulse:
             self._run(session, board, number, pulse)
 
     def _run(self, session: Any, board: Board, number: int, pulse: Pulse) -> None:
         from credit.errors import UserError
-        from credit.runner import run_job
 
         config, overrides = board.job(number)
         ended: dict[str, Any] = {"status": "FAILED", "title": config["title"]}
         started = time.time()
         interruption: KeyboardInterrupt | None = None
         try:
-            with interruptible(self.parent.here()):
-                result = run_job(config, overrides, session, number, pulse.progress)
+            from credit.runner import run_job  # takes seconds, in which one may be interrupted
+
+            result = run_job(config, overrides, session, number, pulse.progress)
+            pulse.halt()
             values = {key: float(result.metrics[key].mean()) for key in HEADLINES if key in result.metrics}
             seeds = {name: len(getattr(result, name, ())) for name in ("computed", "skipped", "resumed")}
             ended = {"status": result.status, "title": result.title, "error": result.error, "values": values, **seeds}
@@ -126,7 +127,7 @@ class Pulse:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, at: TracebackType | None) -> None:
-        self._halt()
+        self.halt()
         if not self._parent.here() and self._parent.gone():
             os._exit(1)  # nobody waits for this worker any more
 
@@ -135,11 +136,12 @@ class Pulse:
         self._facts = {"state": "running", "title": title, "steps": steps, "total": total}
 
     def end(self, facts: dict[str, Any]) -> None:
-        """The job ended: post it, and hear no more wishes."""
-        self._halt()
+        """The job ended: post it."""
+        self.halt()
         self._board.post(self._number, {"state": "ended", **facts})
 
-    def _halt(self) -> None:
+    def halt(self) -> None:
+        """Post no more, and hear no more wishes."""
         self._over.set()
         self._thread.join()
 
