@@ -34,6 +34,7 @@ class FakeSession:
             "status": "RUNNING",
             "host": "box",
             "pid": 1,
+            "process_started": STARTED - 1,
             "tracking": {"uri": None, "seeds": "auto"},
         }
         self._write("session", self._session)

@@ -64,7 +64,7 @@ def test_a_sweep_has_jobs_and_a_job_has_seeds(session: FakeSession, store: Store
     for job in jobs:
         job.end()
     session.end()
-    assert follower.sync() == Progress(done=16, total=16, closed=True)
+    assert follower.sync() == Progress(done=16, total=16, closed=True, sent=16)
 
     (sweep,) = store.runs("sweep").values()
     assert sweep.info.run_name == f"sweep {session.id}"
