@@ -61,6 +61,10 @@ class Follower:
             with suppress(ValueError):  # a line that a full disk or a crash cut short is no row
                 self.rows.append(Row(int(cells[0]), _finite(self._names, cells[1:])))
 
+    def beyond(self, step: int) -> list[Row]:
+        """The rows after a step."""
+        return [row for row in self.rows if row.step > step]
+
 
 def _finite(names: list[str], cells: list[str]) -> dict[str, float]:
     values = ((name, float(cell)) for name, cell in zip(names, cells, strict=True) if cell)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -46,7 +46,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Upload:
-    """What MLflow shall hold of one run: card, rows so far, status, end (epoch seconds), files, notes.
+    """What MLflow shall hold of one run: card, rows beyond a step, status, end (epoch seconds), files, notes.
 
     `folder` is the run folder of a seed: whichever session fills it, it is one run.
     """
@@ -54,7 +54,7 @@ class Upload:
     key: str
     experiment: str
     card: RunCard
-    rows: Sequence[Row] = ()
+    rows: Callable[[int], Sequence[Row]] = lambda after: ()
     status: str = "RUNNING"
     finished: float | None = None
     files: Sequence[Path] = ()
@@ -206,7 +206,7 @@ class Ledger:
     def _send(self, client: MlflowClient, entry: Entry, run: Upload) -> None:
         held = {metric.key: metric.step for metric in self._known[run.key].data._metric_objs}
         # One call costs 3.4 ms, a metric in it 0.09 ms (SQLite): few large batches are what makes it fast.
-        for rows in _parts([row for row in run.rows if row.step > entry.step], self._batch):
+        for rows in _parts(run.rows(entry.step), self._batch):
             metrics = [
                 Metric(name, value, entry.started + round(1000 * row.seconds), row.step)
                 for row in rows

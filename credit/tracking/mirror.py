@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ Json = dict[str, Any]
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a mirror is: rows in the store, rows in the journal, whether all is done, rows sent, what was given up."""
+    """How far a mirror is: rows in the store and in the journal, whether all is done, rows sent, what was given up."""
 
     done: int
     total: int
@@ -119,7 +120,6 @@ class Mirror:
     def _upload_job(self, session: Json, job: Json, finished: float) -> None:
         key = str(job["number"])
         parent = self._run_id(_sweep_key(job["experiment"])) if session["kind"] == "sweep" else None
-        entry = self._ledger.entries.get(key)
         runs = [journal.rows for journal in self._journals[job["number"]]]
         config = yaml.safe_dump(job["config"], sort_keys=False)
         self._ledger.upload(
@@ -127,7 +127,7 @@ class Mirror:
                 key=key,
                 experiment=job["experiment"],
                 card=job_card(session, job, parent),
-                rows=mean_rows(runs, after=entry.step if entry else -1),
+                rows=partial(mean_rows, runs),
                 status=job["status"],
                 finished=finished,
                 texts=(("config.yaml", config),),
@@ -155,7 +155,7 @@ class Mirror:
                         key=key,
                         experiment=job["experiment"],
                         card=seed_card(session, job, seed, self._run_id(str(number))),
-                        rows=journal.rows,
+                        rows=journal.beyond,
                         status=end["status"],
                         finished=end["finished"],
                         files=[folder / name for name in SEED_FILES if (folder / name).exists()],
@@ -164,7 +164,7 @@ class Mirror:
                 )
                 self._claimed.add(key)
             entry = self._ledger.entries.get(key)
-            self._waiting[key] = sum(row.step > (entry.step if entry else -1) for row in journal.rows)
+            self._waiting[key] = len(journal.beyond(entry.step if entry else -1))
         if due and running:
             # The seeds get a tenth of the time at most, so that the curves of the jobs stay live.
             self._seeds_due[number] = begin + max(SEED_INTERVAL, 10 * (time.monotonic() - begin))
