@@ -82,7 +82,7 @@ class MLflowTracking(Tracking):
 
     def __init__(self, uri: str | None = None, seeds: Seeds = "auto"):
         self.uri, self.seeds = uri, seeds
-        self._process: subprocess.Popen[bytes] | None = None
+        self.process: subprocess.Popen[bytes] | None = None
         self._session, self._output = Path(), Path()
         self._problem = ""
         self._told = False
@@ -105,7 +105,7 @@ class MLflowTracking(Tracking):
         path = os.pathsep.join([str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
         try:
             with (self._session / LOG_FILE).open("ab") as log:
-                self._process = subprocess.Popen(
+                self.process = subprocess.Popen(
                     command,
                     env=quiet_environment() | {"PYTHONPATH": path},
                     stdin=subprocess.DEVNULL,
@@ -121,7 +121,7 @@ class MLflowTracking(Tracking):
         if self._told:
             return None
         state = State.read(self._session)
-        if self._process is None or self._process.poll() is not None:
+        if self.process is None or self.process.poll() is not None:
             reason = self._problem or "the uploader died"
         elif state is not None and state.since is not None and time.time() - state.since >= LASTING:
             reason = f"{state.uri}: {state.problem}"
@@ -133,9 +133,9 @@ class MLflowTracking(Tracking):
     def finish(self, timeout: float | None = None, on_progress: Callable[[int, int], None] | None = None) -> str | None:
         """Wait for the uploader; a store that fails gets a few seconds. The line says how to upload the rest."""
         begin, late = time.monotonic(), ""
-        if self._process is None or self._process.poll() is not None:
+        if self.process is None or self.process.poll() is not None:
             self._launch()  # something killed it
-        while self._process is not None and self._process.poll() is None:
+        while self.process is not None and self.process.poll() is None:
             state = State.read(self._session)
             if on_progress is not None and state is not None:
                 on_progress(state.done, state.total)
@@ -143,8 +143,8 @@ class MLflowTracking(Tracking):
                 break
             waited = time.monotonic() - begin
             if (timeout is not None and waited > timeout) or (state and state.since and waited > GRACE):
-                self._process.terminate()
-                self._process.wait()
+                self.process.terminate()
+                self.process.wait()
                 late = "the store is too slow"
                 break
             time.sleep(0.1)
