@@ -161,6 +161,7 @@ def _throughput(name: str, processes: list[subprocess.Popen[str]], output: Path,
 def advertiser(pairs: int = PAIRS) -> list[Row]:
     """A job of 20 replicas by the command line, with tracking and without, in turns."""
     jobs: dict[str, list[float]] = {"mlflow": [], "none": []}
+    work: dict[str, list[float]] = {"mlflow": [], "none": []}
     commands: dict[str, list[float]] = {"mlflow": [], "none": []}
     with workshop() as folder:
         for pair in range(pairs):
@@ -171,12 +172,15 @@ def advertiser(pairs: int = PAIRS) -> list[Row]:
                 begin = time.monotonic()
                 subprocess.run([sys.executable, "-m", "launch.cli", *words], check=True, capture_output=True)
                 commands[name].append(time.monotonic() - begin)
-                summary = next(output.glob("advertiser/*/*/seed-0/summary.json"))
-                jobs[name].append(json.loads(summary.read_text())["wall_seconds"])
-    ratio, whole = (statistics.median(x["mlflow"]) / statistics.median(x["none"]) for x in (jobs, commands))
-    what = f"wall time of a 20-replica advertiser job, tracking over none, median of {pairs}"
+                summary = json.loads(next(output.glob("advertiser/*/*/seed-0/summary.json")).read_text())
+                jobs[name].append(summary["wall_seconds"])
+                work[name].append(summary["cpu_seconds"])
+    # The least of each: noise on a shared machine only ever adds.
+    ratio, cpu, whole = (min(x["mlflow"]) / min(x["none"]) for x in (jobs, work, commands))
+    what = f"wall time of a 20-replica advertiser job, tracking over none, least of {pairs}"
     return [
         Row(what, f"{ratio:.3f}", "≤ 1.15", ratio <= 1.15),
+        Row("the same of the job's own CPU time, on a machine with other work the better guide", f"{cpu:.3f}"),
         Row("the same of the whole command, imports and last upload included", f"{whole:.3f}"),
     ]
 

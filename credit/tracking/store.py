@@ -8,6 +8,7 @@ import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from json import JSONDecodeError
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -44,6 +45,16 @@ def resolve_uri(uri: str | None, output: Path) -> str:
     if uri.startswith(_SQLITE):
         return f"{_SQLITE}{Path(uri.removeprefix(_SQLITE)).resolve()}"
     return uri
+
+
+def reason(error: BaseException) -> str:
+    """What is wrong with a store, in one line: the first cause, which MLflow buries in words of its own."""
+    while inner := error.__cause__ or (None if error.__suppress_context__ else error.__context__):
+        error = inner
+    line = (str(error).splitlines() or [""])[0][:300]
+    if isinstance(error, JSONDecodeError):
+        return f"what answers is no MLflow server ({line})"
+    return f"{type(error).__name__}: {line}"
 
 
 def sqlite_file(uri: str) -> Path | None:

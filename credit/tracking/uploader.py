@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
 from credit.tracking.sessions import Seeds, State, attempt, lives, pending, read_session, store_of
-from credit.tracking.store import quiet_environment
+from credit.tracking.store import quiet_environment, reason
 
 if TYPE_CHECKING:
     from credit.tracking.mirror import Progress
@@ -62,7 +62,7 @@ def upload(
             mirror = mirror or Mirror(output, session, uri, seeds)
             progress = mirror.sync(alone)
         except Exception as error:  # whatever MLflow throws, the run goes on
-            problem = f"{type(error).__name__}: {_first_line(error)}"
+            problem = reason(error)
             _note_failure(problem, state)
             if ended and deadline is None:
                 deadline = time.monotonic() + patience
@@ -79,7 +79,7 @@ def upload(
 
 
 def _after(state: State, progress: Progress) -> State:
-    problem = "; ".join(_first_line(problem) for problem in progress.problems)
+    problem = "; ".join(problem.splitlines()[0][:300] for problem in progress.problems)
     known = replace(state, done=progress.done, total=progress.total, sent=progress.sent)
     return replace(known, problem=problem, since=None, ended=progress.closed)
 
@@ -88,10 +88,6 @@ def _note_failure(problem: str, state: State) -> None:
     # A server that is down all night says the same thing a thousand times.
     with suppress(OSError):
         print(traceback.format_exc() if problem != state.problem else problem, file=sys.stderr, flush=True)
-
-
-def _first_line(problem: object) -> str:
-    return (str(problem).splitlines() or [""])[0][:300]
 
 
 def _over(session: Path) -> bool:
@@ -152,7 +148,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--parent", type=int, required=True, help="process whose end is the session's end")
     arguments = parser.parse_args(argv)
     os.environ.update(quiet_environment())
-    os.nice(5)  # the computation goes first
+    os.nice(10)  # the computation goes first
     earlier = threading.Thread(target=catch_up, args=(arguments.output,))
     with alone_on(arguments.session, wait=True):  # the uploader of an attempt that was killed ends soon
         earlier.start()
