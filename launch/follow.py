@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -29,11 +29,18 @@ class Follower:
 
     Args:
         board: the board. jobs: configuration and overrides of every job. console: where lines and bars go.
+        news: what else the user should be told now, if anything.
     """
 
-    def __init__(self, board: Board, jobs: Sequence[Job], console: Console) -> None:
+    def __init__(
+        self,
+        board: Board,
+        jobs: Sequence[Job],
+        console: Console,
+        news: Callable[[], str | None] = lambda: None,
+    ) -> None:
         self.facts: dict[int, dict[str, Any]] = {}
-        self._board, self._jobs, self._console = board, jobs, console
+        self._board, self._jobs, self._console, self._news = board, jobs, console, news
         self._said: set[int] = set()
         self._bars: dict[int, TaskID] = {}
         columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f}%"))
@@ -71,6 +78,8 @@ class Follower:
 
     def _look(self) -> None:
         self.facts = self._board.read()
+        if news := self._news():
+            self._console.print(f"[yellow]note[/yellow]    {escape(news)}", soft_wrap=True)
         for number, facts in self.facts.items():
             if facts["state"] == "ended":
                 self._remove(number)

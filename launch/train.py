@@ -61,7 +61,7 @@ def main(argv: list[str]) -> int:
     tracking = schema.build(first, "tracking")
     tracking.start(session.folder, session.output)
     console = Console(stderr=True, highlight=False)
-    follower, ended = Follower(board, jobs, console), "KILLED"
+    follower, ended = Follower(board, jobs, console, tracking.news), "KILLED"
     try:
         with follower, stoppable(board, follower, console):
             launch(launcher, jobs, session, board, follower, words.config_dirs)

@@ -5,21 +5,22 @@ A trainer writes the journal and never waits for a tracking store: another proce
 
 from __future__ import annotations
 
-import json
 import os
+import shlex
 import subprocess
 import sys
 import time
 from abc import abstractmethod
 from collections.abc import Callable
 from pathlib import Path
-from typing import Literal
 
 from credit.component import Component
+from credit.tracking.sessions import Seeds, State
 from credit.tracking.store import quiet_environment, resolve_uri, uri_problem
 
-Seeds = Literal["auto", "all", "none"]
-PROGRESS_FILE, LOG_FILE = "tracking.json", "tracking.log"
+LOG_FILE = "tracking.log"
+LASTING = 3.0  # seconds of failures that are worth a line: what is shorter repairs itself
+GRACE = 8.0  # seconds for a store that fails, once the session has ended
 _ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -33,6 +34,10 @@ class Tracking(Component):
     @abstractmethod
     def start(self, session_dir: Path, output: Path) -> None:
         """Begin to follow a session whose `session.json` exists; returns at once and never fails."""
+
+    @abstractmethod
+    def news(self) -> str | None:
+        """A line when something has gone wrong for good, once; None at all other times. Cheap: may be called often."""
 
     @abstractmethod
     def finish(self, timeout: float | None = None, on_progress: Callable[[int, int], None] | None = None) -> str | None:
@@ -57,6 +62,10 @@ class NoTracking(Tracking):
     def start(self, session_dir: Path, output: Path) -> None:
         """Nothing to begin."""
 
+    def news(self) -> str | None:
+        """Nothing can go wrong."""
+        return None
+
     def finish(self, timeout: float | None = None, on_progress: Callable[[int, int], None] | None = None) -> str | None:
         """Nothing to wait for."""
         return None
@@ -73,10 +82,10 @@ class MLflowTracking(Tracking):
 
     def __init__(self, uri: str | None = None, seeds: Seeds = "auto"):
         self.uri, self.seeds = uri, seeds
-        self._process: subprocess.Popen[bytes] | None = None
-        self._session = Path()
-        self._command: list[str] = []
+        self.process: subprocess.Popen[bytes] | None = None
+        self._session, self._output = Path(), Path()
         self._problem = ""
+        self._told = False
 
     def check(self, output: Path) -> list[str]:
         """A tracking URI that is none."""
@@ -85,17 +94,19 @@ class MLflowTracking(Tracking):
 
     def start(self, session_dir: Path, output: Path) -> None:
         """Start the uploader; what it has to say goes to `tracking.log` in the session's folder."""
-        self._session = session_dir.resolve()
-        output = output.resolve()
-        self._command = ["-m", "credit.tracking.uploader", "--session", str(self._session)]
-        self._command += ["--output", str(output)]
-        choices = ["--uri", resolve_uri(self.uri, output), "--seeds", self.seeds]
-        choices += ["--parent", str(os.getpid())]
+        self._session, self._output = session_dir.resolve(), output.resolve()
+        State(resolve_uri(self.uri, self._output), self.seeds).write(self._session)
+        self._launch()
+
+    def _launch(self) -> None:
+        command = [sys.executable, "-m", "credit.tracking.uploader", "--session", str(self._session)]
+        command += ["--output", str(self._output), "--uri", resolve_uri(self.uri, self._output)]
+        command += ["--seeds", self.seeds, "--parent", str(os.getpid())]
         path = os.pathsep.join([str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
         try:
             with (self._session / LOG_FILE).open("ab") as log:
-                self._process = subprocess.Popen(
-                    [sys.executable, *self._command, *choices],
+                self.process = subprocess.Popen(
+                    command,
                     env=quiet_environment() | {"PYTHONPATH": path},
                     stdin=subprocess.DEVNULL,
                     stdout=log,
@@ -105,34 +116,46 @@ class MLflowTracking(Tracking):
         except OSError as error:
             self._problem = str(error)
 
+    def news(self) -> str | None:
+        """Says once that the store does not take what it is sent, or that nobody sends it any more."""
+        if self._told:
+            return None
+        state = State.read(self._session)
+        if self.process is None or self.process.poll() is not None:
+            reason = self._problem or "the uploader died"
+        elif state is not None and state.since is not None and time.time() - state.since >= LASTING:
+            reason = f"{state.uri}: {state.problem}"
+        else:
+            return None
+        self._told = True
+        return f"MLflow does not take the metrics now ({reason}). The run goes on, its journal is complete"
+
     def finish(self, timeout: float | None = None, on_progress: Callable[[int, int], None] | None = None) -> str | None:
-        """Wait for the uploader, stop it after `timeout` seconds; the line says how to upload the rest."""
-        end = None if timeout is None else time.monotonic() + timeout
-        process, late = self._process, ""
-        while process is not None and process.poll() is None:
-            if end is not None and time.monotonic() > end:
-                process.terminate()
-                process.wait()
+        """Wait for the uploader; a store that fails gets a few seconds. The line says how to upload the rest."""
+        begin, late = time.monotonic(), ""
+        if self.process is None or self.process.poll() is not None:
+            self._launch()  # something killed it
+        while self.process is not None and self.process.poll() is None:
+            state = State.read(self._session)
+            if on_progress is not None and state is not None:
+                on_progress(state.done, state.total)
+            if state is not None and state.ended:  # it may go on with what earlier sessions left
+                break
+            waited = time.monotonic() - begin
+            if (timeout is not None and waited > timeout) or (state and state.since and waited > GRACE):
+                self.process.terminate()
+                self.process.wait()
                 late = "the store is too slow"
                 break
-            if on_progress is not None:
-                on_progress(*self._progress()[:2])
             time.sleep(0.1)
-        done, total, problem = self._progress()
-        if on_progress is not None:
-            on_progress(done, total)
-        if process is not None and process.returncode == 0:
+        state = State.read(self._session)
+        if on_progress is not None and state is not None:
+            on_progress(state.done, state.total)
+        if state is not None and state.ended and not state.problem:
             return None
-        reason = self._problem or problem or late or "the uploader failed"
-        again = " ".join(["python", *self._command])
+        reason = self._problem or (state.problem if state else "") or late or "the uploader failed"
+        where = "" if self._output == Path("outputs").resolve() else f" {shlex.quote(str(self._output))}"
         return (
             f"MLflow: not everything was uploaded ({reason}); the journal is complete. "
-            f"Details: {self._session / LOG_FILE}. To upload the rest: {again}"
+            f"Details: {self._session / LOG_FILE}. To upload the rest: credit sync{where}"
         )
-
-    def _progress(self) -> tuple[int, int, str]:
-        try:
-            state = json.loads((self._session / PROGRESS_FILE).read_text())
-        except OSError:
-            return 0, 0, ""
-        return state["done"], state["total"], state["problem"]

@@ -34,25 +34,36 @@ class Follower:
     path: Path
     rows: list[Row] = field(default_factory=list)
     _offset: int = 0
+    _last: bytes = b""
     _names: list[str] = field(default_factory=list)
 
     def follow(self) -> None:
-        """Read the whole lines that were added since the last call."""
+        """Read the whole lines that were added since the last call; all of them where the file was written anew."""
         if not self.path.exists():
             return
-        if self.path.stat().st_size < self._offset:  # the job was started again
-            self.rows, self._offset, self._names = [], 0, []
         with self.path.open("rb") as handle:
-            handle.seek(self._offset)
+            handle.seek(self._offset - len(self._last))
             new = handle.read()
+            if not new.startswith(self._last):  # neither its size nor its inode would tell
+                self.rows, self._offset, self._last, self._names = [], 0, b"", []
+                handle.seek(0)
+                new = handle.read()
+        new = new[len(self._last) :]
         whole = new[: new.rfind(b"\n") + 1]
+        if not whole:
+            return
         self._offset += len(whole)
+        self._last = whole[whole.rfind(b"\n", 0, -1) + 1 :]
         for cells in csv.reader(whole.decode().splitlines()):
             if not self._names:
                 self._names = cells[1:]
                 continue
             with suppress(ValueError):  # a line that a full disk or a crash cut short is no row
                 self.rows.append(Row(int(cells[0]), _finite(self._names, cells[1:])))
+
+    def beyond(self, step: int) -> list[Row]:
+        """The rows after a step."""
+        return [row for row in self.rows if row.step > step]
 
 
 def _finite(names: list[str], cells: list[str]) -> dict[str, float]:

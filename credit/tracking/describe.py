@@ -13,6 +13,7 @@ from credit.tracking.palette import COLOURS, tint
 
 MAX_PARAM, MAX_PARAM_KEY, MAX_TAG = 6000, 250, 8000
 COLOUR = "mlflow.runColor"
+PARENT = "mlflow.parentRunId"
 _FORBIDDEN = re.compile(r"[^\w\-. :/]")
 
 
@@ -77,7 +78,9 @@ def seed_card(session: Mapping[str, Any], job: Mapping[str, Any], seed: int, par
 def _common(session: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "session": session["id"],
-        "host": session["host"],
+        "host": session["host"],  # with the next two: whose a run is that says RUNNING
+        "pid": session["pid"],
+        "process_started": session["process_started"],
         "mlflow.user": getpass.getuser(),
         "mlflow.source.name": session["command"],
         "mlflow.source.type": "LOCAL",
@@ -93,7 +96,7 @@ def _of_job(job: Mapping[str, Any], parent: str | None) -> dict[str, Any]:
         "config_hash": job["config_hash"],
         "git_commit": job["git_commit"],
         "mlflow.source.git.commit": job["git_commit"],
-        "mlflow.parentRunId": parent,
+        PARENT: parent,
     }
     if job["slug"] == "default":  # variants of one method must not share a colour: MLflow chooses theirs
         tags[COLOUR] = COLOURS.get(job["method"])

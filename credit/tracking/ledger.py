@@ -1,52 +1,66 @@
-"""MLflow runs by a key of ours, and what each of them already holds."""
+"""MLflow runs by a key of ours, and what each of them already holds.
+
+A process that goes on where another was killed asks the store what it has: only the store knows for certain.
+"""
 
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from mlflow import MlflowClient
-from mlflow.entities import Metric, Param
+from mlflow.entities import Metric, Param, Run, RunTag
 from mlflow.exceptions import MlflowException
 
 from credit.tracking.curves import Row
-from credit.tracking.describe import RunCard, safe_name
+from credit.tracking.describe import PARENT, RunCard, safe_name
+from credit.tracking.journal import write_json
+from credit.tracking.notes import Note
 from credit.tracking.store import open_experiment
 
 KEY_TAG = "credit.key"
-MAX_METRICS, MAX_PARAMS, MAX_RUNS = 1000, 100, 1000
+MAX_METRICS, MIN_METRICS, MAX_PARAMS, MAX_RUNS = 1000, 50, 100, 1000
 # Errors that belong to one run (say, someone deleted it in the UI): the others go on without it.
 _OF_ONE_RUN = {"RESOURCE_DOES_NOT_EXIST", "INVALID_PARAMETER_VALUE", "INVALID_STATE", "BAD_REQUEST"}
 
 
 @dataclass
 class Entry:
-    """One MLflow run: holds the rows up to `step`, was told `status`; `problem` is why it was given up."""
+    """One MLflow run: holds the rows up to `step`, was told `status`; `problem` is why it was given up.
+
+    Points in time count from `started` (epoch milliseconds), whichever session adds them.
+    """
 
     id: str
+    started: int
     described: bool = False
     step: int = -1
     rows: int = 0
     status: str = "RUNNING"
+    parent: str | None = None
     problem: str | None = None
 
 
 @dataclass(frozen=True)
 class Upload:
-    """What MLflow shall hold of one run: card, rows so far, status, end (epoch seconds), files, notes."""
+    """What MLflow shall hold of one run: card, rows beyond a step, status, end (epoch seconds), files, notes.
+
+    `folder` is the run folder of a seed: whichever session fills it, it is one run.
+    """
 
     key: str
     experiment: str
     card: RunCard
-    rows: Sequence[Row] = ()
+    rows: Callable[[int], Sequence[Row]] = lambda after: ()
     status: str = "RUNNING"
     finished: float | None = None
     files: Sequence[Path] = ()
     texts: tuple[tuple[str, str], ...] = ()
     note: str | None = None
+    folder: Path | None = None
 
 
 class Ledger:
@@ -62,48 +76,73 @@ class Ledger:
     def __init__(self, file: Path, uri: str, output: Path, session: str):
         self._file, self._uri, self._output, self._session = file, uri, output, session
         self._experiments: dict[str, tuple[MlflowClient, str]] = {}
+        self._found: dict[str, Run] = {}
+        self._known: dict[str, Run] = {}  # the runs that this process made or took up, as they were then
+        self._batch = MAX_METRICS
+        self.sent = 0
         self.entries: dict[str, Entry] = {}
         if file.exists():
             stored = json.loads(file.read_text())
             if stored["uri"] == uri:
-                self.entries = {key: Entry(**entry) for key, entry in stored["runs"].items()}
+                self.entries = {key: Entry(**entry | {"problem": None}) for key, entry in stored["runs"].items()}
 
-    def save(self) -> None:
-        """Write the file, so that a reader always sees a whole one."""
+    def save(self, complete: object = None) -> None:
+        """Write the file; `complete` says for which attempt of the session everything was uploaded."""
         runs = {key: asdict(entry) for key, entry in self.entries.items()}
-        temporary = self._file.with_suffix(".tmp")
-        temporary.write_text(json.dumps({"uri": self._uri, "runs": runs}))
-        os.replace(temporary, self._file)
+        write_json(self._file, {"uri": self._uri, "complete": complete, "runs": runs})
+
+    def forget(self, key: str) -> None:
+        """Let go of a run: it is another session's, or the store lost it."""
+        for memory in (self.entries, self._known, self._found):
+            memory.pop(key, None)
 
     def upload(self, run: Upload) -> None:
         """Bring one run up to date: create it, add rows beyond the last step, end it when its status says so.
 
         Raises:
-            MlflowException: the store cannot be reached or written now; try again later.
+            Exception: the store cannot be reached or written now, or answers nonsense; try again later.
         """
         try:
             self._upload(run)
-        except (MlflowException, ValueError) as error:
-            if isinstance(error, MlflowException) and error.error_code not in _OF_ONE_RUN:
+        except Exception as error:
+            # A request without an answer may have been obeyed: ask anew. Smaller ones may pass where the store is slow.
+            self._experiments.pop(run.experiment, None)
+            self._batch = max(MIN_METRICS, self._batch // 2)
+            if not self._concerns_one(run, error):
                 raise
-            self.entries.setdefault(run.key, Entry(id="")).problem = f"{run.card.name}: {error}"
+            self.entries[run.key].problem = f"{run.card.name}: {error}"
+
+    def _concerns_one(self, run: Upload, error: Exception) -> bool:
+        """Whether the store is well and refuses this one run; raises where it is wrong about everything."""
+        code = error.error_code if isinstance(error, MlflowException) else None
+        if run.key not in self._known or code not in _OF_ONE_RUN:
+            return False
+        client, _ = self._open(run.experiment)
+        found = _ask(client, self.entries[run.key].id)
+        if found is None:
+            self.forget(run.key)
+            return False
+        return found.info.lifecycle_stage == "deleted" or code != "RESOURCE_DOES_NOT_EXIST"
 
     def _upload(self, run: Upload) -> None:
         client, experiment = self._open(run.experiment)
-        entry = self.entries.get(run.key)
-        if entry is None:
-            tags = run.card.tags | {KEY_TAG: run.key}
-            created = client.create_run(experiment, round(run.card.started * 1000), tags, run.card.name)
-            entry = self.entries[run.key] = Entry(created.info.run_id)
+        if run.key not in self._known:
+            self._begin(client, experiment, run)
+        entry = self.entries[run.key]
         if entry.problem:
             return
         if not entry.described:
-            params = [Param(name, value) for name, value in run.card.params.items()]
-            for start in range(0, len(params), MAX_PARAMS):
-                client.log_batch(entry.id, params=params[start : start + MAX_PARAMS])
             for name, text in run.texts:
                 client.log_text(entry.id, text, name)
+            has = self._known[run.key].data.params  # what a run has cannot be changed
+            lacking = [Param(name, value) for name, value in run.card.params.items() if name not in has]
+            for start in range(0, len(lacking), MAX_PARAMS):
+                client.log_batch(entry.id, params=lacking[start : start + MAX_PARAMS])
             entry.described = True
+        parent = run.card.tags.get(PARENT)
+        if parent and parent != entry.parent:
+            client.set_tag(entry.id, PARENT, parent)
+            entry.parent = parent
         self._send(client, entry, run)
         if run.status != entry.status:
             if run.note:
@@ -116,18 +155,69 @@ class Ledger:
                 client.set_terminated(entry.id, run.status, round((run.finished or run.card.started) * 1000))
             entry.status = run.status
 
+    def _begin(self, client: MlflowClient, experiment: str, run: Upload) -> None:
+        """Take up the run that an earlier process made, or make one."""
+        found = self._found.pop(run.key, None) or self._noted(client, experiment, run)
+        entry = self.entries.get(run.key)
+        if found is None and entry is not None:
+            found = _ask(client, entry.id)
+            if found is not None and found.info.lifecycle_stage == "deleted":
+                entry.problem = f"{run.card.name}: the run {entry.id} was deleted in MLflow"
+                self._known[run.key] = found
+                return
+        if found is None:
+            self._write_note(run, "")  # first: a run that is made and not written down is found by it
+            tags = run.card.tags | {KEY_TAG: run.key}
+            found = client.create_run(experiment, round(run.card.started * 1000), tags, run.card.name)
+            if not found.info.run_id:
+                raise RuntimeError(f"{self._uri} answers, but not as an MLflow server does")
+        else:
+            tags = run.card.tags | {KEY_TAG: run.key}
+            client.log_batch(found.info.run_id, tags=[RunTag(name, value) for name, value in tags.items()])
+        self.entries[run.key] = Entry(
+            id=found.info.run_id,
+            started=found.info.start_time,
+            described=set(run.card.params) <= set(found.data.params),
+            status=found.info.status,
+            parent=run.card.tags.get(PARENT),
+        )
+        self._known[run.key] = found
+        self._write_note(run, found.info.run_id)
+
+    def _noted(self, client: MlflowClient, experiment: str, run: Upload) -> Run | None:
+        """The run that another session began in this folder, and did not finish."""
+        note = Note.read(run.folder) if run.folder else None
+        if note is None or note.uri != self._uri:
+            return None
+        if note.run:
+            found = _ask(client, note.run)
+        else:
+            chosen = f"tags.session = '{note.session}' and tags.`{KEY_TAG}` = '{note.key}'"
+            found = next(iter(client.search_runs([experiment], chosen, max_results=1)), None)
+        if found is None or found.info.lifecycle_stage == "deleted":
+            return None
+        # What was finished and is computed again is another run.
+        return found if found.info.status != "FINISHED" or note.session == self._session else None
+
+    def _write_note(self, run: Upload, identity: str) -> None:
+        if run.folder and run.folder.exists():
+            Note(self._uri, self._session, run.key, identity).write(run.folder)
+
     def _send(self, client: MlflowClient, entry: Entry, run: Upload) -> None:
-        rows = [row for row in run.rows if row.step > entry.step]
-        metrics = [
-            Metric(safe_name(name), value, round((run.card.started + row.seconds) * 1000), row.step)
-            for row in rows
-            for name, value in row.values.items()
-        ]
+        held = {metric.key: metric.step for metric in self._known[run.key].data._metric_objs}
         # One call costs 3.4 ms, a metric in it 0.09 ms (SQLite): few large batches are what makes it fast.
-        for start in range(0, len(metrics), MAX_METRICS):
-            client.log_batch(entry.id, metrics=metrics[start : start + MAX_METRICS])
-        if rows:
+        for rows in _parts(run.rows(entry.step), self._batch):
+            metrics = [
+                Metric(name, value, entry.started + round(1000 * row.seconds), row.step)
+                for row in rows
+                for name, value in ((safe_name(name), value) for name, value in row.values.items())
+                if row.step > held.get(name, -1)
+            ]
+            for start in range(0, len(metrics), MAX_METRICS):
+                client.log_batch(entry.id, metrics=metrics[start : start + MAX_METRICS])
             entry.step, entry.rows = rows[-1].step, entry.rows + len(rows)
+            self.sent += len({metric.step for metric in metrics})
+            self._batch = min(2 * self._batch, MAX_METRICS)
 
     def _open(self, name: str) -> tuple[MlflowClient, str]:
         if name not in self._experiments:
@@ -137,15 +227,45 @@ class Ledger:
         return self._experiments[name]
 
     def _find_again(self, client: MlflowClient, experiment: str) -> None:
-        """Adopt the runs that a process made and could not write down before it was killed."""
-        token = None
+        """Find the runs that a process made and could not write down before it was killed, or cut off."""
+        chosen, token, ours = f"tags.session = '{self._session}'", None, defaultdict[str, list[Run]](list)
         while True:
-            page = client.search_runs(
-                [experiment], f"tags.session = '{self._session}'", max_results=MAX_RUNS, page_token=token
-            )
+            page = client.search_runs([experiment], chosen, max_results=MAX_RUNS, page_token=token)
             for run in page:
                 if key := run.data.tags.get(KEY_TAG):
-                    self.entries.setdefault(key, Entry(run.info.run_id, status=run.info.status))
+                    ours[key].append(run)
             token = page.token
             if not token:
-                return
+                break
+        for key, twins in ours.items():
+            known = self.entries[key].id if key in self.entries else None
+            best = max(twins, key=lambda run: (run.info.run_id == known, len(run.data.metrics)))
+            if key not in self._known:
+                self._found[key] = best
+            for run in twins:
+                if run is not best:  # its maker got no answer, and made another
+                    client.delete_run(run.info.run_id)
+
+
+def _ask(client: MlflowClient, identity: str) -> Run | None:
+    """A run by its id, deleted ones too; None where the store never heard of it."""
+    try:
+        return client.get_run(identity)
+    except MlflowException as error:
+        if error.error_code == "RESOURCE_DOES_NOT_EXIST":
+            return None
+        raise
+
+
+def _parts(rows: Sequence[Row], size: int) -> Iterator[list[Row]]:
+    """Rows in parts of about `size` values."""
+    part: list[Row] = []
+    values = 0
+    for row in rows:
+        if part and values + len(row.values) > size:
+            yield part
+            part, values = [], 0
+        part.append(row)
+        values += len(row.values)
+    if part:
+        yield part

@@ -9,15 +9,17 @@ from __future__ import annotations
 import json
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from credit.tracking import Seeds
 from credit.tracking.curves import Follower, mean_rows
 from credit.tracking.describe import job_card, seed_card, sweep_card
 from credit.tracking.ledger import Ledger, Upload
+from credit.tracking.notes import Note
+from credit.tracking.sessions import Seeds, attempt
 
 AUTO_SEEDS = 20
 SEED_INTERVAL = 5.0
@@ -28,11 +30,12 @@ Json = dict[str, Any]
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a mirror is: rows uploaded, rows in the journal, whether all is done, and what was given up."""
+    """How far a mirror is: rows in the store and in the journal, whether all is done, rows sent, what was given up."""
 
     done: int
     total: int
     closed: bool
+    sent: int = 0
     problems: tuple[str, ...] = ()
 
 
@@ -53,6 +56,7 @@ class Mirror:
         self._seeds_due: dict[int, float] = {}
         self._waiting: dict[str, int] = {}
         self._finished: dict[int, Json] = {}
+        self._claimed: set[str] = set()
 
     def sync(self, orphaned: bool = False) -> Progress:
         """Upload what is new.
@@ -66,7 +70,7 @@ class Mirror:
         session = _read(self._folder / "session.json")
         if orphaned and session["status"] == "RUNNING":
             session["status"] = "KILLED"
-        ended = session["status"] != "RUNNING"
+        ended, closed = session["status"] != "RUNNING", False
         paths = sorted(self._folder.glob("job-*.json"), key=lambda path: int(path.stem.removeprefix("job-")))
         jobs = [_read(path) for path in paths]
         try:
@@ -77,14 +81,16 @@ class Mirror:
                     job["status"] = "KILLED"
                 if self._finished.get(job["number"]) != job:
                     self._sync_job(session, job)
+            entries = self._ledger.entries.values()
+            closed = ended and all(entry.status != "RUNNING" or entry.problem for entry in entries)
         finally:
-            self._ledger.save()
-        entries = self._ledger.entries.values()
+            self._ledger.save(complete=attempt(session) if closed else None)
         done = sum(entry.rows for entry in entries)
         return Progress(
             done=done,
             total=done + sum(self._waiting.values()),
-            closed=ended and all(entry.status != "RUNNING" or entry.problem for entry in entries),
+            closed=closed,
+            sent=self._ledger.sent,
             problems=tuple(entry.problem for entry in entries if entry.problem),
         )
 
@@ -114,7 +120,6 @@ class Mirror:
     def _upload_job(self, session: Json, job: Json, finished: float) -> None:
         key = str(job["number"])
         parent = self._run_id(_sweep_key(job["experiment"])) if session["kind"] == "sweep" else None
-        entry = self._ledger.entries.get(key)
         runs = [journal.rows for journal in self._journals[job["number"]]]
         config = yaml.safe_dump(job["config"], sort_keys=False)
         self._ledger.upload(
@@ -122,7 +127,7 @@ class Mirror:
                 key=key,
                 experiment=job["experiment"],
                 card=job_card(session, job, parent),
-                rows=mean_rows(runs, after=entry.step if entry else -1),
+                rows=partial(mean_rows, runs),
                 status=job["status"],
                 finished=finished,
                 texts=(("config.yaml", config),),
@@ -135,25 +140,47 @@ class Mirror:
         running = job["status"] == "RUNNING"
         due = not running or begin >= self._seeds_due.get(number, 0.0)
         for seed, folder, journal in zip(job["seeds"], folders, self._journals[number], strict=False):
-            key = f"{number}/{seed}"
+            key, summary = f"{number}/{seed}", _summary(folder)
+            if not self._owns(key, folder, summary, session["id"], running):
+                self._ledger.forget(key)
+                self._waiting.pop(key, None)
+                continue
             if due:
-                end = {"status": job["status"], "finished": finished} | _summary(folder, session["id"])
+                # A seed of a running job may be done, by an earlier attempt; that it failed then says nothing.
+                known = summary if summary.get("status") == "FINISHED" or not running else {}
+                end = {"status": job["status"], "finished": finished}
+                end |= known if known.get("session") == session["id"] else {}
                 self._ledger.upload(
                     Upload(
                         key=key,
                         experiment=job["experiment"],
                         card=seed_card(session, job, seed, self._run_id(str(number))),
-                        rows=journal.rows,
+                        rows=journal.beyond,
                         status=end["status"],
                         finished=end["finished"],
                         files=[folder / name for name in SEED_FILES if (folder / name).exists()],
+                        folder=folder,
                     )
                 )
+                self._claimed.add(key)
             entry = self._ledger.entries.get(key)
-            self._waiting[key] = sum(row.step > (entry.step if entry else -1) for row in journal.rows)
+            self._waiting[key] = len(journal.beyond(entry.step if entry else -1))
         if due and running:
             # The seeds get a tenth of the time at most, so that the curves of the jobs stay live.
             self._seeds_due[number] = begin + max(SEED_INTERVAL, 10 * (time.monotonic() - begin))
+
+    def _owns(self, key: str, folder: Path, summary: Json, session: str, running: bool) -> bool:
+        """Whether a seed's run is this session's to write: it is that of the session which filled the folder last.
+
+        Two sessions may list one folder: one began it, another goes on. A job that runs takes the run over when it
+        is first seen, and leaves it to whoever takes it over later; a summary says who did the work in the end.
+        """
+        writer, note = summary.get("session"), Note.read(folder)
+        if summary.get("status") == "FINISHED" or (writer == session and not running):
+            return bool(writer == session)
+        if running and key not in self._claimed:
+            return True
+        return note is None or note.session == session
 
     def _run_id(self, key: str) -> str | None:
         entry = self._ledger.entries.get(key)
@@ -169,8 +196,6 @@ def _read(path: Path) -> Json:
     return content
 
 
-def _summary(folder: Path, session: str) -> Json:
-    """The summary that this session wrote; one from an earlier session says nothing about this run."""
+def _summary(folder: Path) -> Json:
     path = folder / "summary.json"
-    summary = _read(path) if path.exists() else {}
-    return summary if summary.get("session") == session else {}
+    return _read(path) if path.exists() else {}

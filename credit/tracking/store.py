@@ -8,6 +8,7 @@ import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from json import JSONDecodeError
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,8 +25,8 @@ _QUIET = {
     "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
     "GIT_PYTHON_REFRESH": "quiet",
     # MLflow's own retries can hide an unreachable server for minutes; the uploader has its own back-off.
-    "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "2",
-    "MLFLOW_HTTP_REQUEST_TIMEOUT": "20",
+    "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "0",
+    "MLFLOW_HTTP_REQUEST_TIMEOUT": "8",
 }
 
 
@@ -46,17 +47,44 @@ def resolve_uri(uri: str | None, output: Path) -> str:
     return uri
 
 
+def reason(error: BaseException) -> str:
+    """What is wrong with a store, in one line: the first cause, which MLflow buries in words of its own."""
+    while inner := error.__cause__ or (None if error.__suppress_context__ else error.__context__):
+        error = inner
+    line = (str(error).splitlines() or [""])[0][:300]
+    if isinstance(error, JSONDecodeError):
+        return f"what answers is no MLflow server ({line})"
+    return f"{type(error).__name__}: {line}"
+
+
 def sqlite_file(uri: str) -> Path | None:
     """The file behind a resolved SQLite address; None for any other store."""
     return Path(uri.removeprefix(_SQLITE)) if uri.startswith(_SQLITE) else None
 
 
 @contextmanager
-def _only_one_process(output: Path) -> Iterator[None]:
-    output.mkdir(parents=True, exist_ok=True)
-    with open(output / ".mlflow.lock", "w") as handle:
+def _only_one_process(uri: str, output: Path) -> Iterator[None]:
+    """Alone on a store: on its file, where it is one, whichever output folder a process writes to."""
+    file = sqlite_file(uri)
+    lock = file.with_name(f".{file.name}.lock") if file else output / ".mlflow.lock"
+    lock.parent.mkdir(parents=True, exist_ok=True)
+    with open(lock, "w") as handle:
         fcntl.flock(handle, fcntl.LOCK_EX)
         yield
+
+
+def _make_sqlite(file: Path) -> None:
+    """Make a fresh store beside its place and move it there whole: a half-made schema can never be opened again."""
+    from mlflow import MlflowClient
+
+    unfinished = file.with_name(f".{file.name}.new")
+    unfinished.unlink(missing_ok=True)
+    try:
+        MlflowClient(f"{_SQLITE}{unfinished}").search_experiments(max_results=1)
+    except BaseException:
+        unfinished.unlink(missing_ok=True)
+        raise
+    os.replace(unfinished, file)
 
 
 def quiet_environment() -> dict[str, str]:
@@ -79,7 +107,7 @@ def open_experiment(uri: str, output: Path, name: str) -> tuple[MlflowClient, st
         MLflow's client and the experiment's id.
 
     Raises:
-        RuntimeError: the experiment was deleted in MLflow.
+        RuntimeError: the experiment was deleted in MLflow, or what answers is no MLflow server.
     """
     from mlflow import MlflowClient
     from mlflow.exceptions import MlflowException
@@ -87,7 +115,10 @@ def open_experiment(uri: str, output: Path, name: str) -> tuple[MlflowClient, st
     for noisy in ("mlflow", "alembic"):
         logging.getLogger(noisy).setLevel(logging.ERROR)
     # Two processes that migrate the schema of a fresh SQLite file at once kill each other.
-    with _only_one_process(output):
+    with _only_one_process(uri, output):
+        file = sqlite_file(uri)
+        if file is not None and not file.exists():
+            _make_sqlite(file)
         client = MlflowClient(uri)
         experiment = client.get_experiment_by_name(name)
         if experiment is None:
@@ -102,10 +133,17 @@ def open_experiment(uri: str, output: Path, name: str) -> tuple[MlflowClient, st
                 if experiment is None:
                     raise
             else:
-                return client, str(identity)
+                return client, _named(identity, uri)
     if experiment.lifecycle_stage == "deleted":
         raise RuntimeError(
             f"the experiment {name!r} was deleted in MLflow ({uri}); restore it with "
             f"`mlflow experiments restore --experiment-id {experiment.experiment_id}`"
         )
-    return client, str(experiment.experiment_id)
+    return client, _named(experiment.experiment_id, uri)
+
+
+def _named(identity: str, uri: str) -> str:
+    """An id that a store gave: MLflow's client takes an empty answer for an object without one."""
+    if not identity:
+        raise RuntimeError(f"{uri} answers, but not as an MLflow server does")
+    return str(identity)

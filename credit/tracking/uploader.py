@@ -1,31 +1,30 @@
-"""Mirrors one session to MLflow, beside the computation or later: `python -m credit.tracking.uploader`."""
+"""Mirrors one session to MLflow, beside the computation: `python -m credit.tracking.uploader`."""
 
 from __future__ import annotations
 
 import argparse
 import fcntl
-import json
 import os
-import socket
 import sys
+import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, get_args
 
-import psutil
-
-from credit.tracking import PROGRESS_FILE, Seeds
-from credit.tracking.store import quiet_environment, resolve_uri
+from credit.tracking.sessions import Seeds, State, attempt, lives, pending, read_session, store_of
+from credit.tracking.store import quiet_environment, reason
 
 if TYPE_CHECKING:
     from credit.tracking.mirror import Progress
 
 POLL = 1.0
 LONGEST_PAUSE = 30.0
-PATIENCE = 60.0  # seconds of failures in a row, after the session has ended, until the rest is given up
+PATIENCE = 4.0  # seconds of failures in a row, after the session has ended, until the rest is left to `credit sync`
 
 
 def upload(
@@ -35,8 +34,8 @@ def upload(
     seeds: Seeds,
     orphaned: Callable[[], bool] = lambda: False,
     patience: float = PATIENCE,
-) -> int:
-    """Mirror a session until it has ended and everything is uploaded.
+) -> State:
+    """Mirror a session until it has ended and everything is uploaded, or until another process goes on with it.
 
     Args:
         session: the session's folder.
@@ -47,108 +46,121 @@ def upload(
         patience: seconds of failures in a row that are borne once the session has ended.
 
     Returns:
-        0, or 1 where something could not be uploaded.
+        How it ended; `problem` says what could not be uploaded.
     """
     from credit.tracking.mirror import Mirror
 
-    mirror = Mirror(output, session, uri, seeds)
-    pause, progress, bearable = POLL, None, time.monotonic() + patience
+    state, mine = State(uri, seeds), attempt(read_session(session))
+    mirror: Mirror | None = None
+    pause, deadline = POLL, None
     while True:
         alone = orphaned()
+        if attempt(read_session(session)) != mine:
+            return state
+        ended = alone or _over(session)
         try:
+            mirror = mirror or Mirror(output, session, uri, seeds)
             progress = mirror.sync(alone)
         except Exception as error:  # whatever MLflow throws, the run goes on
-            print(traceback.format_exc(), file=sys.stderr, flush=True)
-            _report(session, progress, f"{type(error).__name__}: {_first_line(error)}")
-            if not alone and _read(session / "session.json")["status"] == "RUNNING":
-                bearable = time.monotonic() + patience
-            elif time.monotonic() > bearable:
-                return 1
+            problem = reason(error)
+            _note_failure(problem, state)
+            if ended and deadline is None:
+                deadline = time.monotonic() + patience
+            over = deadline is not None and time.monotonic() >= deadline
+            state = replace(state, problem=problem, since=state.since or time.time(), ended=over)
             pause = min(2 * pause, LONGEST_PAUSE)
         else:
-            bearable, pause = time.monotonic() + patience, POLL
-            _report(session, progress, "; ".join(_first_line(problem) for problem in progress.problems))
-            if progress.closed:
-                return int(bool(progress.problems))
-        time.sleep(pause)
+            pause, deadline = POLL, None
+            state = _after(state, progress)
+        state.write(session)
+        if state.ended:
+            return state
+        _sleep(min(pause, POLL) if ended else pause, lambda: orphaned() or _over(session))
 
 
-def abandoned(output: Path) -> Iterator[Path]:
-    """Sessions of this machine that ended, or died, before MLflow was told, say in a power cut."""
-    for file in sorted(output.glob("sessions/*/mlflow.json")):
-        if any(run["status"] == "RUNNING" and not run["problem"] for run in _read(file)["runs"].values()):
-            session = _read(file.parent / "session.json")
-            dead = session["status"] != "RUNNING" or not psutil.pid_exists(session["pid"])
-            if dead and session["host"] == socket.gethostname():
-                yield file.parent
+def _after(state: State, progress: Progress) -> State:
+    problem = "; ".join(problem.splitlines()[0][:300] for problem in progress.problems)
+    known = replace(state, done=progress.done, total=progress.total, sent=progress.sent)
+    return replace(known, problem=problem, since=None, ended=progress.closed)
+
+
+def _note_failure(problem: str, state: State) -> None:
+    # A server that is down all night says the same thing a thousand times.
+    with suppress(OSError):
+        print(traceback.format_exc() if problem != state.problem else problem, file=sys.stderr, flush=True)
+
+
+def _over(session: Path) -> bool:
+    return read_session(session)["status"] != "RUNNING"
+
+
+def _sleep(seconds: float, woken: Callable[[], bool]) -> None:
+    """Sleep; a long pause ends at once when there is a reason, so that the end of a session is seen."""
+    end = time.monotonic() + seconds
+    while (left := end - time.monotonic()) > 0:
+        time.sleep(min(left, POLL))
+        if left > POLL and woken():
+            return
 
 
 @contextmanager
-def _alone_on(session: Path) -> Iterator[bool]:
-    """Whether no other process uploads this session, now and until the end of the block."""
+def alone_on(session: Path, wait: bool) -> Iterator[bool]:
+    """Whether no other process uploads this session, now and until the end of the block.
+
+    Args:
+        session: the session's folder. wait: for another process to end.
+    """
     with (session / ".uploader.lock").open("w") as handle:
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
         except BlockingIOError:
             yield False
         else:
             yield True
 
 
-def _read(path: Path) -> dict[str, Any]:
-    content: dict[str, Any] = json.loads(path.read_text())
-    return content
+def catch_up(output: Path) -> None:
+    """Upload what the stores lack of sessions that ended before, and mark what was killed; the next start tries again.
+
+    A store that fails is not asked twice.
+    """
+    failing: set[str] = set()
+    for session in pending(output):
+        store = store_of(session, output)
+        if store is None or store[0] in failing:
+            continue
+        with suppress(OSError), alone_on(session, wait=False) as alone:
+            if alone and upload(session, output, *store, partial(_dead, session), patience=0).since:
+                failing.add(store[0])
 
 
-def _first_line(problem: object) -> str:
-    return (str(problem).splitlines() or [""])[0][:300]
-
-
-def _report(session: Path, progress: Progress | None, problem: str) -> None:
-    done, total = (progress.done, progress.total) if progress else (0, 0)
-    temporary = session / f"{PROGRESS_FILE}.tmp"
-    temporary.write_text(json.dumps({"done": done, "total": total, "problem": problem}))
-    os.replace(temporary, session / PROGRESS_FILE)
+def _dead(session: Path) -> bool:
+    return not lives(session)
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Command line of the uploader; also the way to upload later what could not be uploaded at once."""
+    """Command line of the uploader: mirror a session while it runs, and beside it what earlier ones left."""
     parser = argparse.ArgumentParser(prog="python -m credit.tracking.uploader", description=__doc__)
     parser.add_argument("--session", type=Path, required=True, help="the session's folder")
     parser.add_argument("--output", type=Path, required=True, help="the output folder")
-    parser.add_argument("--uri", help="MLflow tracking URI (default: the session's)")
-    parser.add_argument("--seeds", choices=get_args(Seeds), help="seeds with a run of their own (default: as before)")
-    parser.add_argument("--parent", type=int, help="process whose end is the session's end")
+    parser.add_argument("--uri", required=True, help="MLflow tracking URI")
+    parser.add_argument("--seeds", choices=get_args(Seeds), required=True, help="seeds with a run of their own")
+    parser.add_argument("--parent", type=int, required=True, help="process whose end is the session's end")
     arguments = parser.parse_args(argv)
     os.environ.update(quiet_environment())
-    os.nice(5)  # the computation goes first
-    output, session = arguments.output, arguments.session
-
-    def orphaned() -> bool:
-        return arguments.parent is not None and os.getppid() != arguments.parent
-
-    status = _upload_alone(session, output, arguments.uri, arguments.seeds, orphaned)
-    if status == 0:
-        for other in abandoned(output):
-            _upload_alone(other, output, None, None, lambda: True, patience=0)
-    return status
-
-
-def _upload_alone(
-    session: Path,
-    output: Path,
-    uri: str | None,
-    seeds: Seeds | None,
-    orphaned: Callable[[], bool],
-    patience: float = PATIENCE,
-) -> int:
-    chosen = _read(session / "session.json").get("tracking") or {}
-    address = resolve_uri(uri or chosen.get("uri"), output)
-    with _alone_on(session) as alone:
-        if alone:
-            return upload(session, output, address, seeds or chosen.get("seeds", "auto"), orphaned, patience)
-    print(f"another process uploads {session} already", file=sys.stderr)
-    return 1
+    os.nice(10)  # the computation goes first
+    earlier = threading.Thread(target=catch_up, args=(arguments.output,))
+    with alone_on(arguments.session, wait=True):  # the uploader of an attempt that was killed ends soon
+        earlier.start()
+        state = upload(
+            arguments.session,
+            arguments.output,
+            arguments.uri,
+            arguments.seeds,
+            orphaned=lambda: os.getppid() != arguments.parent,
+        )
+    earlier.join()
+    return int(bool(state.problem))
 
 
 if __name__ == "__main__":

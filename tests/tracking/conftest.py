@@ -9,7 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from mlflow import MlflowClient
+from mlflow.entities import Run
 
+from credit.tracking import Seeds
+from credit.tracking.mirror import Mirror
 from credit.tracking.store import open_experiment, resolve_uri
 
 NAN = float("nan")
@@ -19,9 +23,15 @@ STARTED = 1_700_000_000.0
 class FakeSession:
     """Writes a session's journal the way a trainer does."""
 
-    def __init__(self, output: Path, kind: str = "sweep", experiment: str = "advertiser"):
+    def __init__(
+        self,
+        output: Path,
+        kind: str = "sweep",
+        experiment: str = "advertiser",
+        identifier: str = "20261122-201500-3f2a",
+    ):
         self.output, self.experiment, self.jobs = output, experiment, 0
-        self.id = "20261122-201500-3f2a"
+        self.id = identifier
         self.folder = output / "sessions" / self.id
         self.folder.mkdir(parents=True)
         self._session: dict[str, Any] = {
@@ -34,12 +44,18 @@ class FakeSession:
             "status": "RUNNING",
             "host": "box",
             "pid": 1,
+            "process_started": STARTED - 1,
             "tracking": {"uri": None, "seeds": "auto"},
         }
         self._write("session", self._session)
 
     def end(self, status: str = "FINISHED", finished: float = STARTED + 100) -> None:
         self._write("session", self._session | {"status": status, "finished": finished})
+
+    def go_on(self) -> None:
+        """The same command again, in another process."""
+        self._session |= {"pid": self._session["pid"] + 1, "process_started": STARTED + 50}
+        self._write("session", self._session)
 
     def job(self, method: str, seeds: Sequence[int]) -> FakeJob:
         self.jobs += 1
@@ -84,9 +100,13 @@ class FakeJob:
             "overrides": [f"method={method}"],
         }
         for folder, seed in zip(self.folders, self.seeds, strict=True):
-            folder.mkdir(parents=True)
+            folder.mkdir(parents=True, exist_ok=True)
             (folder / "config.yaml").write_text(yaml.safe_dump(self.content["config"] | {"seed": seed}))
         session._write(f"job-{number}", self.content)
+
+    def go_on(self) -> None:
+        """The job runs again."""
+        self.session._write(f"job-{self.content['number']}", self.content)
 
     def header(self, names: Sequence[str]) -> None:
         for folder in self.folders:
@@ -111,6 +131,33 @@ class FakeJob:
         self.session._write(f"job-{number}", self.content | ending)
 
 
+class Store:
+    """A tracking store, read back."""
+
+    def __init__(self, session: FakeSession, uri: str):
+        self.session, self.uri = session, uri
+        self.client = MlflowClient(uri)
+
+    def mirror(self, seeds: Seeds = "auto") -> Mirror:
+        return Mirror(self.session.output, self.session.folder, self.uri, seeds)
+
+    def runs(self, level: str) -> dict[str, Run]:
+        experiment = self.client.get_experiment_by_name("advertiser")
+        assert experiment is not None
+        found = self.client.search_runs([experiment.experiment_id], f"tags.level = '{level}'")
+        names = [f"{run.data.tags.get('method', '')}/{run.info.run_name}" for run in found]
+        assert len(set(names)) == len(names), "a run is there twice"
+        return dict(zip(names, found, strict=True))
+
+    def curve(self, run: Run, metric: str) -> list[tuple[int, float, float]]:
+        """(step, value, seconds since the session's start) of every point."""
+        points = self.client.get_metric_history(run.info.run_id, metric)
+        return sorted((point.step, point.value, point.timestamp / 1000 - STARTED) for point in points)
+
+    def files(self, run: Run) -> set[str]:
+        return {file.path for file in self.client.list_artifacts(run.info.run_id)}
+
+
 @pytest.fixture
 def session(tmp_path: Path) -> FakeSession:
     return FakeSession(tmp_path / "outputs")
@@ -129,3 +176,8 @@ def uri(tmp_path: Path, fresh_store: Path) -> str:
     """The address of an empty store."""
     shutil.copy(fresh_store, tmp_path / "mlflow.db")
     return resolve_uri(None, tmp_path)
+
+
+@pytest.fixture
+def store(session: FakeSession, uri: str) -> Store:
+    return Store(session, uri)

@@ -6,45 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from mlflow import MlflowClient
-from mlflow.entities import Run
 
 from credit.tracking import Seeds, mirror
-from credit.tracking.mirror import Mirror, Progress
+from credit.tracking.mirror import Progress
 
-from .conftest import NAN, STARTED, FakeSession
-
-
-class Store:
-    """A tracking store, read back."""
-
-    def __init__(self, session: FakeSession, uri: str):
-        self.session, self.uri = session, uri
-        self.client = MlflowClient(uri)
-
-    def mirror(self, seeds: Seeds = "auto") -> Mirror:
-        return Mirror(self.session.output, self.session.folder, self.uri, seeds)
-
-    def runs(self, level: str) -> dict[str, Run]:
-        experiment = self.client.get_experiment_by_name("advertiser")
-        assert experiment is not None
-        found = self.client.search_runs([experiment.experiment_id], f"tags.level = '{level}'")
-        names = [f"{run.data.tags.get('method', '')}/{run.info.run_name}" for run in found]
-        assert len(set(names)) == len(names), "a run is there twice"
-        return dict(zip(names, found, strict=True))
-
-    def curve(self, run: Run, metric: str) -> list[tuple[int, float, float]]:
-        """(step, value, seconds since the session's start) of every point."""
-        points = self.client.get_metric_history(run.info.run_id, metric)
-        return sorted((point.step, point.value, point.timestamp / 1000 - STARTED) for point in points)
-
-    def files(self, run: Run) -> set[str]:
-        return {file.path for file in self.client.list_artifacts(run.info.run_id)}
-
-
-@pytest.fixture
-def store(session: FakeSession, uri: str) -> Store:
-    return Store(session, uri)
+from .conftest import NAN, STARTED, FakeSession, Store
 
 
 def two_jobs(session: FakeSession) -> list[Any]:
@@ -64,7 +30,7 @@ def test_a_sweep_has_jobs_and_a_job_has_seeds(session: FakeSession, store: Store
     for job in jobs:
         job.end()
     session.end()
-    assert follower.sync() == Progress(done=16, total=16, closed=True)
+    assert follower.sync() == Progress(done=16, total=16, closed=True, sent=16)
 
     (sweep,) = store.runs("sweep").values()
     assert sweep.info.run_name == f"sweep {session.id}"

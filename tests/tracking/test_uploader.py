@@ -1,19 +1,18 @@
 from __future__ import annotations
 
-import json
-import socket
 import subprocess
 import sys
 import time
 from pathlib import Path
 
-import psutil
 import pytest
 from mlflow import MlflowClient
 
+from credit.locks import Lock
 from credit.tracking import MLflowTracking, NoTracking, Tracking, uploader
 from credit.tracking.mirror import Mirror
 from credit.tracking.report_run import log_report
+from credit.tracking.sessions import State, pending
 
 from .conftest import FakeSession
 
@@ -47,30 +46,31 @@ def test_a_process_follows_a_session_to_its_end(session: FakeSession, uri: str) 
 
 def test_the_death_of_the_trainer_ends_the_uploader(session: FakeSession, uri: str) -> None:
     one_job(session)
-    assert uploader.upload(session.folder, session.output, uri, "auto", orphaned=lambda: True) == 0
+    state = uploader.upload(session.folder, session.output, uri, "auto", orphaned=lambda: True)
+    assert (state.ended, state.problem) == (True, "")
     assert statuses(uri) == ["FINISHED", "FINISHED", "KILLED"], "the session itself was cut short"
 
 
-def test_the_next_session_closes_what_a_power_cut_left_open(
-    session: FakeSession, uri: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(socket, "gethostname", lambda: "box")
+def test_the_next_session_closes_what_a_power_cut_left_open(session: FakeSession, uri: str) -> None:
     one_job(session)
+    State(uri, "auto").write(session.folder)
     Mirror(session.output, session.folder, uri).sync()
-    assert list(uploader.abandoned(session.output)) == [], "process 1 lives"
-    monkeypatch.setattr(psutil, "pid_exists", lambda pid: False)
-    assert list(uploader.abandoned(session.output)) == [session.folder]
-    assert uploader.upload(session.folder, session.output, uri, "auto", orphaned=lambda: True) == 0
-    assert list(uploader.abandoned(session.output)) == []
+    assert "RUNNING" in statuses(uri)
+    with Lock(session.folder / ".lock") as lock:
+        assert lock.take()
+        assert list(pending(session.output)) == [], "its command lives"
+    assert list(pending(session.output)) == [session.folder]
+    uploader.catch_up(session.output)
+    assert list(pending(session.output)) == []
+    assert statuses(uri) == ["FINISHED", "FINISHED", "KILLED"]
 
 
-def test_two_uploaders_do_not_share_a_session(
-    session: FakeSession, uri: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with uploader._alone_on(session.folder) as alone:
-        assert alone
-        assert uploader._upload_alone(session.folder, session.output, uri, "auto", lambda: True) == 1
-    assert "another process" in capsys.readouterr().err
+def test_two_uploaders_do_not_share_a_session(session: FakeSession, uri: str) -> None:
+    with (
+        uploader.alone_on(session.folder, wait=False) as first,
+        uploader.alone_on(session.folder, wait=False) as second,
+    ):
+        assert (first, second) == (True, False)
 
 
 def test_an_unreachable_server_costs_one_line(
@@ -82,9 +82,10 @@ def test_an_unreachable_server_costs_one_line(
     one_job(session)
     session.end()
     nobody = "http://127.0.0.1:9"
-    assert uploader.upload(session.folder, session.output, nobody, "auto", patience=0.1) == 1
-    assert "Traceback" in capsys.readouterr().err
-    assert "127.0.0.1" in json.loads((session.folder / "tracking.json").read_text())["problem"]
+    state = uploader.upload(session.folder, session.output, nobody, "auto", patience=0.1)
+    assert state.problem == "ConnectionRefusedError: [Errno 111] Connection refused"
+    assert state == State.read(session.folder)
+    assert capsys.readouterr().err.count('Traceback (most recent call last):\n  File "' + str(uploader.__file__)) == 1
 
 
 def test_a_stopped_uploader_says_how_to_go_on(session: FakeSession, uri: str) -> None:
@@ -93,7 +94,7 @@ def test_a_stopped_uploader_says_how_to_go_on(session: FakeSession, uri: str) ->
     line = tracking.finish(timeout=0)
     assert line is not None
     assert "\n" not in line
-    assert f"python -m credit.tracking.uploader --session {session.folder}" in line
+    assert line.endswith(f"credit sync {session.output}")
 
 
 @pytest.mark.parametrize("uri", [None, "sqlite:///a.db", "postgresql+psycopg://u:p@h/db", "http://127.0.0.1:5000"])

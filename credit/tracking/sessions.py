@@ -1,0 +1,102 @@
+"""The sessions of an output folder: which live, what MLflow still lacks of them, how far their upload is."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from credit.locks import Lock
+from credit.tracking.journal import write_json
+from credit.tracking.store import resolve_uri
+
+Seeds = Literal["auto", "all", "none"]
+PROGRESS_FILE, LEDGER_FILE = "tracking.json", "mlflow.json"
+
+
+@dataclass(frozen=True)
+class State:
+    """How far the upload of a session is.
+
+    Attributes:
+        uri: resolved address of the store. seeds: which seeds get a run of their own.
+        done: rows that the store has. total: rows in the journal. sent: rows sent by this uploader.
+        problem: why it does not go on, or what was given up.
+        since: when the store began to fail, epoch seconds; None while it works.
+        ended: nothing more is tried.
+    """
+
+    uri: str
+    seeds: Seeds
+    done: int = 0
+    total: int = 0
+    sent: int = 0
+    problem: str = ""
+    since: float | None = None
+    ended: bool = False
+
+    @classmethod
+    def read(cls, session: Path) -> State | None:
+        """What the uploader of a session said last; None where it said nothing."""
+        try:
+            return cls(**json.loads((session / PROGRESS_FILE).read_text(encoding="utf-8")))
+        except (OSError, ValueError, TypeError):
+            return None
+
+    def write(self, session: Path) -> None:
+        """Say it; on a full disk nothing is said, since the upload matters more."""
+        with suppress(OSError):
+            write_json(session / PROGRESS_FILE, asdict(self))
+
+
+def read_session(session: Path) -> dict[str, Any]:
+    """The record of a session."""
+    content: dict[str, Any] = json.loads((session / "session.json").read_text(encoding="utf-8"))
+    return content
+
+
+def attempt(session: dict[str, Any]) -> list[Any]:
+    """What tells the attempts of one session apart: the process that runs it."""
+    return [session["host"], session["pid"], session["process_started"]]
+
+
+def lives(session: Path) -> bool:
+    """Whether a command works on a session now: it holds the lock, which ends with it, however it ends."""
+    try:
+        return Lock(session / ".lock").held_elsewhere()
+    except OSError:  # a file system without locks: leave alone what cannot be told
+        return True
+
+
+def all_sessions(output: Path) -> list[Path]:
+    """The folders of the sessions in an output folder, oldest first."""
+    return [file.parent for file in sorted(output.glob("sessions/*/session.json"))]
+
+
+def store_of(session: Path, output: Path) -> tuple[str, Seeds] | None:
+    """The resolved address of a session's store and its choice of seeds; None where it is not tracked."""
+    if (state := State.read(session)) is not None:
+        return state.uri, state.seeds
+    chosen = read_session(session)["tracking"]
+    if chosen is None or "uri" not in chosen:
+        return None
+    return resolve_uri(chosen["uri"], output), chosen["seeds"]
+
+
+def pending(output: Path) -> Iterator[Path]:
+    """Sessions that ended, or died, before MLflow was told everything."""
+    for session in all_sessions(output):
+        with suppress(OSError, ValueError, KeyError):  # a record that a full disk cut short is nobody's
+            if store_of(session, output) and not lives(session) and not _complete(session):
+                yield session
+
+
+def _complete(session: Path) -> bool:
+    try:
+        ledger = json.loads((session / LEDGER_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return bool(ledger["complete"] == attempt(read_session(session)))
