@@ -16,6 +16,7 @@ from launch.common import Words
 BENCHES = {
     "tabular": "the advertiser's tabular core against the naive way: time, growth, memory, agreement",
     "sac": "SAC's updates and collection against Stable-Baselines3, TorchRL, plain PyTorch; seeds side by side",
+    "reliability": "runs and a sweep that are killed and gone on with; what tracking bears, and costs",
     "sepsis": "the solver for thousands of unknown rewards: time, growth, against a dense solve, memory",
 }
 

@@ -18,6 +18,7 @@ import numpy as np
 import torch
 
 import credit
+from credit.bench import reliability_sweep, reliability_tracking
 from credit.bench.measure import Row
 
 KILLS = 20
@@ -49,7 +50,7 @@ class Survived:
 
 
 def run(say: Callable[[str], None] = lambda line: None) -> list[Row]:
-    """Kill a run of every experiment, and go on with it; some minutes."""
+    """Kill runs and a sweep, and go on with them; burden MLflow; measure what it costs. A quarter of an hour."""
     rows = []
     for name, overrides in RUNS.items():
         say(name)
@@ -58,7 +59,22 @@ def run(say: Callable[[str], None] = lambda line: None) -> list[Row]:
         figure = f"{len(found.different)} ({found.kills}, {found.writing})"
         what = f"{name}: files that differ after kills (how many, how many of them while a checkpoint was written)"
         rows.append(Row(what, figure, "0", not found.different and found.kills >= KILLS))
-    return rows
+    say("a sweep")
+    return [*rows, *swept(), *reliability_tracking.run(say)]
+
+
+def swept(jobs: int = 40, kills: int = 5) -> list[Row]:
+    """A sweep on two workers, killed and started again."""
+    with tempfile.TemporaryDirectory() as folder:
+        found = reliability_sweep.sweep(Path(folder), jobs, kills)
+    what = f"a sweep of {jobs} jobs, killed {found.kills} times:"
+    status = ", ".join(f"{number} {name}" for name, number in sorted(found.status.items()))
+    return [
+        Row(f"{what} runs that are done", str(found.done), str(jobs), found.done == jobs and found.kills == kills),
+        Row(f"{what} runs that were finished twice", str(found.again), "0", not found.again),
+        Row(f"{what} runs in MLflow (sweep, jobs, seeds)", status, "FINISHED", {*found.status} == {"FINISHED"}),
+        Row(f"{what} seeds that MLflow has twice", str(found.twice), "0", not found.twice),
+    ]
 
 
 def killed(overrides: Sequence[str], folder: Path, kills: int, seed: int = 0) -> Survived:

@@ -102,7 +102,7 @@ def written(output: Path, method: str, seeds: int, rows: int, metrics: int) -> P
     """The journal of a job that has ended; its session's folder."""
     session = Session.begin(output, "job", "bench", ["train"], {"uri": None, "seeds": "all"}, [{"method": method}])
     folders = [output / "bench" / method / "default" / f"seed-{seed}" for seed in range(seeds)]
-    journal = Journal(folders, time.time())
+    journal = Journal(folders)
     record = job_record(session, method, folders)
     for row in range(rows):
         journal.log(row + 1, {f"m/{k}": [math.sin(row * k + seed) for seed in range(seeds)] for k in range(metrics)})
@@ -198,7 +198,7 @@ def sac(slices: int = 20) -> Row:
         tracking = MLflowTracking()
         tracking.start(session.folder, output)
         folders = [output / "bench" / "sac" / "default" / f"seed-{seed}" for seed in range(4)]
-        journal = Journal(folders, time.time())
+        journal = Journal(folders)
         record = job_record(session, "sac", folders)
         process = tracking.process
         assert process is not None
