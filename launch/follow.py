@@ -136,13 +136,14 @@ def status(facts: dict[str, Any] | None) -> str:
 
 
 def table(facts: dict[int, dict[str, Any]], jobs: Sequence[Job]) -> Table:
-    """All jobs with their status."""
+    """All jobs with their status, and the words by which they differ."""
+    shared = set.intersection(*(set(overrides) for _, overrides in jobs))
     shown_table = Table("job", "status", "method", "overrides", "seeds", "s", title_justify="left", box=None)
     for number, (config, overrides) in enumerate(jobs):
         job = facts.get(number)
         word = status(job)
         seeds = f"{config['seed']}–{config['seed'] + config['replicas'] - 1}"
-        differing = " ".join(text for text in overrides if not text.startswith(("experiment=", "seed=", "replicas=")))
+        differing = " ".join(text for text in overrides if text not in shared)
         seconds = f"{job['seconds']:.1f}" if job and "seconds" in job else ""
         status_cell = f"[{COLOURS[word]}]{word}[/]"
         shown_table.add_row(str(number), status_cell, config["title"], escape(differing), seeds, seconds)

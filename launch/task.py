@@ -90,6 +90,7 @@ class Task:
             values = {key: float(result.metrics[key].mean()) for key in HEADLINES if key in result.metrics}
             seeds = {name: len(getattr(result, name, ())) for name in ("computed", "skipped", "resumed")}
             ended = {"status": result.status, "title": result.title, "error": result.error, "values": values, **seeds}
+            ended |= {"seconds": result.seconds}
         except KeyboardInterrupt as error:
             ended |= {"status": "KILLED"}
             interruption = error
@@ -99,7 +100,7 @@ class Task:
             ended |= {"error": f"{type(error).__name__}: {error}"}
             with suppress(OSError), (session.folder / f"job-{number}.log").open("a", encoding="utf-8") as log:
                 log.write(traceback.format_exc())
-        pulse.end(ended | {"seconds": time.time() - started})
+        pulse.end({"seconds": time.time() - started, **ended})
         if ended["status"] == "FAILED" and config["sweep"].get("on_error") == "stop":
             board.stop("failed")
         if interruption and self.parent.here():

@@ -177,3 +177,14 @@ def test_differences(composed: Composed) -> None:
 def test_devices() -> None:
     assert job.device("cpu") == torch.device("cpu")
     assert job.device("auto").type in ("cpu", "cuda")
+
+
+def test_jobs_take_turns_at_the_gpus(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 3)
+    assert [job.device("cuda", number).index for number in range(5)] == [0, 1, 2, 0, 1]
+    assert job.device("auto", 4) == torch.device("cuda:1")
+    assert job.device("cuda:2", 4) == torch.device("cuda:2")
+    assert job.device("cpu", 4) == torch.device("cpu")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert job.device("auto", 4) == torch.device("cpu")

@@ -59,7 +59,7 @@ def test_the_same_command_does_only_what_is_missing(credit, folder):
 
 def test_one_spelling_of_a_number_is_one_folder(credit, folder):
     credit("train", "method=random", "replicas=1", "env.p_up=.5", *SHORT)
-    ended = credit("train", "-m", "method=random", "replicas=1", "env.p_up=.5,.4", *SHORT)
+    ended = credit("train", "-m", "method=random", "replicas=1", "env.p_up=.5,.4", "hydra/launcher=basic", *SHORT)
     assert "all 1 seeds were done before" in ended.err
     assert len(list(folder.rglob("DONE"))) == 2
 
@@ -113,7 +113,7 @@ def test_another_configuration_is_never_overwritten(credit, folder):
 
 
 def test_a_sweep_runs_every_job(credit, folder):
-    ended = credit("train", "-m", "method=delayed,reference", "replicas=2", *SHORT)
+    ended = credit("train", "-m", "method=delayed,reference", "replicas=2", "hydra/launcher=basic", *SHORT)
     assert ended.code == 0
     assert len(list(folder.rglob("DONE"))) == 4
     session = next((folder / "outputs/sessions").iterdir())
