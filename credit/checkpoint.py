@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import os
 import pickle
+import re
+from collections import OrderedDict
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -13,6 +15,7 @@ from typing import Any, BinaryIO
 import torch
 
 from credit.errors import UserError
+from credit.stateful import PLAIN
 
 NAME = "checkpoint.pt"
 FORMAT, VERSION = "credit checkpoint", 1
@@ -26,7 +29,9 @@ def save(path: Path, content: Mapping[str, Any]) -> None:
 
     Raises:
         OSError: the disk is full or cannot be written; what was there before is still there.
+        TypeError: something else is in it, which `load` would refuse.
     """
+    _only_data(dict(content), "")
     temporary = path.with_name(f".{path.name}")  # one name: who was killed leaves it to the next
     try:
         with temporary.open("w+b") as file:
@@ -68,9 +73,10 @@ def load(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
     try:
         content = torch.load(path, map_location=device, weights_only=True)
     except pickle.UnpicklingError as error:
+        named = re.search(r"GLOBAL ([\w.]+)", str(error))  # the rest advises to read it all the same
         raise UserError(
-            f"{path}: refused, since it holds more than tensors and plain data and could run code when it is read "
-            f"({_first_line(error)}). {what_to_do}"
+            f"{path}: refused, since it holds more than tensors and plain data and could run code when it is read"
+            f"{f' ({named[1]})' if named else ''}. {what_to_do}"
         ) from None
     except (RuntimeError, ValueError, LookupError, TypeError, AttributeError, EOFError) as error:
         raise UserError(f"{path}: no file of PyTorch ({_first_line(error)}). {what_to_do}") from None
@@ -82,6 +88,19 @@ def load(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
             "the credit that wrote it, or compute the run anew with rerun=true"
         )
     return content
+
+
+def _only_data(value: Any, where: str) -> None:
+    """Raises TypeError where there is more than tensors and plain data, which `pack` makes of most things."""
+    if value is None or type(value) in PLAIN or isinstance(value, torch.Tensor):
+        return
+    if type(value) not in (list, tuple, dict, OrderedDict):
+        raise TypeError(
+            f"{where.strip('.')} of a state is a {type(value).__name__}, and a checkpoint holds tensors and plain data: "
+            "use credit.stateful.pack in state_dict, and unpack in load_state_dict"
+        )
+    for key, inner in value.items() if isinstance(value, dict) else enumerate(value):
+        _only_data(inner, f"{where}.{key}")
 
 
 def _verify(path: Path, what_to_do: str) -> None:
