@@ -125,8 +125,10 @@ class Session:
     def finish(self, status: str) -> None:
         """Say how the session ended."""
         self._facts |= {"finished": time.time(), "status": status}
-        write_json(self.folder / "session.json", self._facts)
-        self._lock.release()
+        try:
+            write_json(self.folder / "session.json", self._facts)
+        finally:
+            self._lock.release()
 
 
 class JobRecord:

@@ -185,7 +185,8 @@ def test_what_a_kill_left_is_in_nobodys_way(path):
 
 
 @pytest.mark.parametrize(
-    ("value", "kind"), [(np.ones(2), "ndarray"), (np.float64(1), "float64"), ({1, 2}, "set"), (torch.device("cpu"), "device")]
+    ("value", "kind"),
+    [(np.ones(2), "ndarray"), (np.float64(1), "float64"), ({1, 2}, "set"), (torch.device("cpu"), "device")],
 )
 def test_what_could_not_be_loaded_is_not_written(path, value, kind):
     with pytest.raises(TypeError, match=rf"trainer\.env\.0 of a state is a {kind}, .*credit\.stateful\.pack"):

@@ -211,7 +211,9 @@ def test_the_state_of_something_else_is_refused():
         (pack(Counter(), "x"), None),
         (pack(torch.optim.SGD([torch.zeros(1)], lr=1.0), "x"), Counter()),
     ):
-        with pytest.raises(ValueError, match=rf"Box.x: the checkpoint has a \w+ where the run has {type(now).__name__}"):
+        with pytest.raises(
+            ValueError, match=rf"Box.x: the checkpoint has a \w+ where the run has {type(now).__name__}"
+        ):
             Box(x=now).load_state_dict({"x": packed})
     assert unpack(pack((1, 2), "x"), [1, 2, 3], "x") == (1, 2)
 
