@@ -49,7 +49,7 @@ def make_trainer() -> Callable[..., Trainer]:
 
 @pytest.fixture(scope="session")
 def interrupt() -> Callable[..., None]:
-    """`interrupt(70, "method=reference", ...)`: a run is stopped after 70 steps; its checkpoint is of the round before."""
+    """`interrupt(70, "method=reference", ...)`: a run that is stopped behind its last checkpoint."""
 
     def stop(after: int, *overrides: str) -> None:
         def progress(title: str, steps: int, total: int) -> None:
