@@ -91,13 +91,13 @@ def load(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
 
 
 def _only_data(value: Any, where: str) -> None:
-    """Raises TypeError where there is more than tensors and plain data, which `pack` makes of most things."""
+    """Raises TypeError where there is more than tensors and plain data, as `pack` makes of most things."""
     if value is None or type(value) in PLAIN or isinstance(value, torch.Tensor):
         return
     if type(value) not in (list, tuple, dict, OrderedDict):
         raise TypeError(
-            f"{where.strip('.')} of a state is a {type(value).__name__}, and a checkpoint holds tensors and plain data: "
-            "use credit.stateful.pack in state_dict, and unpack in load_state_dict"
+            f"{where.strip('.')} of a state is a {type(value).__name__}, and a checkpoint holds tensors and plain "
+            "data: use credit.stateful.pack in state_dict, and unpack in load_state_dict"
         )
     for key, inner in value.items() if isinstance(value, dict) else enumerate(value):
         _only_data(inner, f"{where}.{key}")

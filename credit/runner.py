@@ -232,8 +232,8 @@ class Work:
             self.recorder.load_state_dict(state["recorder"])
         except (RuntimeError, ValueError, LookupError, TypeError, AttributeError) as error:
             raise UserError(
-                f"{self.group.interrupted}: the state of other code than this credit's ({error}). Go on with the credit "
-                "that wrote it, or compute the run anew with rerun=true. Nothing was changed"
+                f"{self.group.interrupted}: the state of other code than this credit's ({error}). Go on with the "
+                "credit that wrote it, or compute the run anew with rerun=true. Nothing was changed"
             ) from error
 
     def _between(self, stop: signals.Stop) -> None:
