@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import pickle
-import zipfile
+import re
+from collections import OrderedDict
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import torch
 
 from credit.errors import UserError
+from credit.stateful import PLAIN
 
 NAME = "checkpoint.pt"
 FORMAT, VERSION = "credit checkpoint", 1
+MARK = b"credit checkpoint, SHA-256:"  # behind PyTorch's file, with the digest of all that lies before it
+TAIL = len(MARK) + hashlib.sha256().digest_size
+CHUNK = 2**20
 
 
 def save(path: Path, content: Mapping[str, Any]) -> None:
@@ -23,11 +29,17 @@ def save(path: Path, content: Mapping[str, Any]) -> None:
 
     Raises:
         OSError: the disk is full or cannot be written; what was there before is still there.
+        TypeError: something else is in it, which `load` would refuse.
     """
+    _only_data(dict(content), "")
     temporary = path.with_name(f".{path.name}")  # one name: who was killed leaves it to the next
     try:
-        with temporary.open("wb") as file:
+        with temporary.open("w+b") as file:
             torch.save({"format": FORMAT, "version": VERSION, **content}, file)
+            size = file.seek(0, os.SEEK_END)
+            digest = _digest(file, size)
+            file.seek(size)
+            file.write(MARK + digest)
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(path)
@@ -55,25 +67,19 @@ def load(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
         UserError: the file is missing, damaged, of another kind, or wants to run code.
     """
     what_to_do = "Nothing was changed. Restore the file from a copy, or compute the run anew with rerun=true"
+    if not path.exists():
+        raise UserError(f"{path}: there is no checkpoint")
+    _verify(path, what_to_do)  # PyTorch reads past bits that have flipped
     try:
-        with zipfile.ZipFile(path) as archive:  # PyTorch reads past bits that have flipped
-            if damaged := archive.testzip():
-                raise UserError(f"{path}: the checkpoint is damaged (wrong checksum of {damaged}). {what_to_do}")
         content = torch.load(path, map_location=device, weights_only=True)
-    except FileNotFoundError:
-        raise UserError(f"{path}: there is no checkpoint") from None
-    except (zipfile.BadZipFile, EOFError):
-        size = path.stat().st_size
-        raise UserError(f"{path}: the checkpoint is damaged or no checkpoint ({size} bytes). {what_to_do}") from None
     except pickle.UnpicklingError as error:
+        named = re.search(r"GLOBAL ([\w.]+)", str(error))  # the rest advises to read it all the same
         raise UserError(
-            f"{path}: refused, since it holds more than tensors and plain data and could run code when it is read "
-            f"({_first_line(error)}). {what_to_do}"
+            f"{path}: refused, since it holds more than tensors and plain data and could run code when it is read"
+            f"{f' ({named[1]})' if named else ''}. {what_to_do}"
         ) from None
-    except (RuntimeError, ValueError, KeyError, TypeError, AttributeError) as error:
-        if isinstance(error, UserError):
-            raise
-        raise UserError(f"{path}: no checkpoint of credit ({_first_line(error)}). {what_to_do}") from None
+    except (RuntimeError, ValueError, LookupError, TypeError, AttributeError, EOFError) as error:
+        raise UserError(f"{path}: no file of PyTorch ({_first_line(error)}). {what_to_do}") from None
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise UserError(f"{path}: a file of PyTorch, but no checkpoint of credit. {what_to_do}")
     if content["version"] != VERSION:
@@ -82,6 +88,40 @@ def load(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
             "the credit that wrote it, or compute the run anew with rerun=true"
         )
     return content
+
+
+def _only_data(value: Any, where: str) -> None:
+    """Raises TypeError where there is more than tensors and plain data, as `pack` makes of most things."""
+    if value is None or type(value) in PLAIN or isinstance(value, torch.Tensor):
+        return
+    if type(value) not in (list, tuple, dict, OrderedDict):
+        raise TypeError(
+            f"{where.strip('.')} of a state is a {type(value).__name__}, and a checkpoint holds tensors and plain "
+            "data: use credit.stateful.pack in state_dict, and unpack in load_state_dict"
+        )
+    for key, inner in value.items() if isinstance(value, dict) else enumerate(value):
+        _only_data(inner, f"{where}.{key}")
+
+
+def _verify(path: Path, what_to_do: str) -> None:
+    """Raises UserError unless the file is what `save` wrote, to the bit."""
+    with path.open("rb") as file:
+        whole = file.seek(0, os.SEEK_END)
+        file.seek(max(whole - TAIL, 0))
+        tail = file.read()
+        if not tail.startswith(MARK):
+            raise UserError(f"{path}: no checkpoint of credit, or cut short ({whole} bytes). {what_to_do}")
+        if tail != MARK + _digest(file, whole - TAIL):
+            raise UserError(f"{path}: the checkpoint is damaged (its checksum is wrong). {what_to_do}")
+
+
+def _digest(file: BinaryIO, size: int) -> bytes:
+    """SHA-256 of the first bytes of a file."""
+    digest = hashlib.sha256()
+    file.seek(0)
+    while chunk := file.read(min(CHUNK, size - file.tell())):
+        digest.update(chunk)
+    return digest.digest()
 
 
 def _sync_folder(folder: Path) -> None:

@@ -17,6 +17,7 @@ import torch
 from credit import checkpoint, registry, runs, schema, signals
 from credit import job as jobs
 from credit.artifacts import Recorder, write_arrays
+from credit.errors import UserError
 from credit.session import JobRecord, Session
 from credit.tracking.journal import Journal, git_commit, versions, write_atomically, write_json, write_yaml
 from credit.trainer import Trainer
@@ -167,6 +168,8 @@ class Work:
         self.trainer.start(group.seeds, device)
         self.recorder = Recorder(self.trainer)
         state = checkpoint.load(group.interrupted, device) if group.interrupted else None
+        if state:
+            self._go_on(state)
         self._cpu = time.process_time() - (state["cpu_seconds"] if state else 0.0)
         self._file = found.of(group.seeds[0]) / checkpoint.NAME
         folders = [found.of(seed) if seed in group.wanted else None for seed in group.seeds]
@@ -175,9 +178,6 @@ class Work:
         self.record = JobRecord(session, number, time.time(), _facts(config, overrides, found, group, self.trainer))
         for seed in group.wanted:
             write_yaml(found.of(seed) / "config.yaml", {**config, "seed": seed, "replicas": 1, "rerun": False})
-        if state:
-            self.trainer.load_state_dict(state["trainer"])
-            self.recorder.load_state_dict(state["recorder"])
         self._saved, self._rounds = time.monotonic(), self.trainer.rounds
         self._news = self.job.title
 
@@ -208,6 +208,8 @@ class Work:
                 log.write(f"{traceback.format_exc()}\n")
         finally:
             status, error = self._close(status, error)
+        if stop:  # it came too late for this run, but not for those behind it
+            raise KeyboardInterrupt
         return status, error
 
     def save(self) -> None:
@@ -224,6 +226,17 @@ class Work:
         }
         checkpoint.save(self._file, content)
         self._saved, self._rounds = time.monotonic(), self.trainer.rounds
+
+    def _go_on(self, state: Mapping[str, Any]) -> None:
+        """Become what was interrupted, before anything is written."""
+        try:
+            self.trainer.load_state_dict(state["trainer"])
+            self.recorder.load_state_dict(state["recorder"])
+        except (RuntimeError, ValueError, LookupError, TypeError, AttributeError) as error:
+            raise UserError(
+                f"{self.group.interrupted}: the state of other code than this credit's ({error}). Go on with the "
+                "credit that wrote it, or compute the run anew with rerun=true. Nothing was changed"
+            ) from error
 
     def _between(self, stop: signals.Stop) -> None:
         due = self.trainer.rounds - self._rounds >= self.job.checkpoint_rounds

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -68,9 +68,13 @@ def find(config: Mapping[str, Any], parent: Path) -> Folders:
     asked = jobs.Job.of(config).seeds
     todo, done = jobs.split(config, parent)
     left, groups, claimed = set(todo), list[Group](), set[int]()
-    files = [] if config["rerun"] else list(parent.glob(f"seed-*/{checkpoint.NAME}"))
-    for file in sorted(files, key=lambda path: path.stat().st_mtime, reverse=True):
-        content = checkpoint.load(file)
+    for file in _checkpoints(parent) if left and not config["rerun"] else []:
+        try:
+            content = checkpoint.load(file)
+        except UserError:
+            if file.exists():
+                raise
+            continue  # the run that wrote it has just finished
         seeds = tuple(content["seeds"])
         wanted = tuple(s for s in seeds if s not in claimed and not (parent / f"seed-{s}" / "DONE").exists())
         if not left & set(wanted):
@@ -84,6 +88,15 @@ def find(config: Mapping[str, Any], parent: Path) -> Folders:
     if left:
         groups.append(Group(tuple(sorted(left)), tuple(sorted(left))))
     return Folders(parent, asked, tuple(done), tuple(groups))
+
+
+def _checkpoints(parent: Path) -> list[Path]:
+    """The checkpoints of a job's folders, newest first."""
+    written: dict[Path, float] = {}
+    for file in parent.glob(f"seed-*/{checkpoint.NAME}"):
+        with suppress(FileNotFoundError):
+            written[file] = file.stat().st_mtime
+    return sorted(written, key=written.__getitem__, reverse=True)
 
 
 def running(config: Mapping[str, Any], parent: Path) -> str | None:

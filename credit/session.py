@@ -79,11 +79,19 @@ class Session:
         """
         session = cls.unfinished(output, plan)
         if session is None:
-            session = cls(output, new_session_id())
-            session.folder.mkdir(parents=True)
-            session._lock.take()
+            session = cls._new(output)
         session._start(kind, experiment, argv, tracking, plan, config_dirs)
         return session
+
+    @classmethod
+    def _new(cls, output: Path) -> Session:
+        """A session of a name that nobody has, locked."""
+        while True:
+            session = cls(output, new_session_id())
+            with suppress(FileExistsError):  # hundreds of commands start in the same second on a cluster
+                session.folder.mkdir(parents=True)
+                session._lock.take()
+                return session
 
     def _start(
         self,
@@ -117,8 +125,10 @@ class Session:
     def finish(self, status: str) -> None:
         """Say how the session ended."""
         self._facts |= {"finished": time.time(), "status": status}
-        write_json(self.folder / "session.json", self._facts)
-        self._lock.release()
+        try:
+            write_json(self.folder / "session.json", self._facts)
+        finally:
+            self._lock.release()
 
 
 class JobRecord:

@@ -10,6 +10,7 @@ import inspect
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
+PLAIN = (bool, int, float, str)
 Packed = Any  # None, bool, int, float, str, tensors, and [tag, content] for everything that holds others
 
 
@@ -66,14 +67,16 @@ def pack(value: Any, where: str) -> Packed:
     import numpy as np
     import torch
 
-    if value is None or isinstance(value, (bool, int, float, str)):
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or type(value) in PLAIN:
         return value
     if isinstance(value, torch.Tensor):
         return value.detach().cpu().clone()  # a view would be saved with all that it is a view of
     if isinstance(value, np.ndarray):
         return ["array", torch.from_numpy(value.copy())]
     if isinstance(value, np.random.Generator):
-        return ["generator", value.bit_generator.state]
+        return ["generator", pack(value.bit_generator.state, where)]
     if isinstance(value, (Stateful, torch.nn.Module)):
         return ["state", value.state_dict()]
     if isinstance(value, torch.optim.Optimizer):
@@ -116,7 +119,7 @@ def unpack(packed: Packed, now: Any, where: str) -> Any:
     if tag == "array":
         return content.numpy()
     if tag == "generator" and isinstance(now, np.random.Generator):
-        now.bit_generator.state = content
+        now.bit_generator.state = unpack(content, None, where)
     elif tag == "state" and isinstance(now, (Stateful, torch.nn.Module)):
         now.load_state_dict(content)
     elif tag == "optimizer" and isinstance(now, torch.optim.Optimizer):

@@ -12,6 +12,7 @@ import torch
 from hypothesis import settings
 from torch import Tensor
 
+import credit
 from credit import job, registry, schema
 from credit.envs.advertiser import Advertiser
 from credit.trainer import Trainer
@@ -44,6 +45,21 @@ def make_trainer() -> Callable[..., Trainer]:
         return trainer
 
     return make
+
+
+@pytest.fixture(scope="session")
+def interrupt() -> Callable[..., None]:
+    """`interrupt(70, "method=reference", ...)`: a run that is stopped behind its last checkpoint."""
+
+    def stop(after: int, *overrides: str) -> None:
+        def progress(title: str, steps: int, total: int) -> None:
+            if steps >= after:
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            credit.run(["tracking=none", "checkpoint_seconds=0", *overrides], progress=progress)
+
+    return stop
 
 
 @pytest.fixture(scope="session")

@@ -73,6 +73,7 @@ class Journal:
             line = ",".join([str(step), *("" if v != v else repr(v) for v in row.values())]) + "\n"
             if known := self._known(index, line):
                 row[SECONDS] = float(known.rpartition(",")[2])
+                self._begun -= max(row[SECONDS] - self.seconds, 0.0)  # the times of what follows are later
             else:
                 lines.append(line)
             self.last[index] = row

@@ -42,7 +42,7 @@ class SAC(Learner, Optimizer):  # noqa: D101 - the learner's docstring is its ow
         self.memory = self.replay(1)
         self._policies: dict[tuple[str, int], Policy] = {}
         unknown = torch.full((problem.replicas,), torch.nan, device=problem.device)
-        self._diagnostics = dict.fromkeys(DIAGNOSTICS, unknown)
+        self._diagnostics = {name: unknown.clone() for name in DIAGNOSTICS}
 
     def act(self, states: Tensor, step: int) -> Tensor:
         """Sampled actions [n, A] in states [n, O], n = R · copies."""

@@ -1,0 +1,162 @@
+"""Whatever is registered can be stopped between any two rounds and gone on with to the bit, by way of a file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any, ClassVar
+
+import pytest
+import torch
+
+from credit import checkpoint, job, registry, schema
+from credit.bonuses import Count
+from credit.errors import UserError
+from credit.trainer import Trainer
+
+from .test_components import selection
+from .test_continuous import composed as small
+
+KINDS = [kind for kind in registry.KINDS if kind != "tracking"]
+EXPERIMENTS = sorted(registry.options("experiment"), key=lambda name: (name == "pointmaze", name))  # slow ones last
+SLOW = ("reward", "features", "assigner", "scaler")
+ALONE = ["method=reference"]  # where no surrogate has the name of the reference
+ROUNDS = {"windows_per_round": 2, "first_windows": 0, "log_every": 4, "random_windows": 3}
+WINDOWS = 9
+Rows = list[tuple[int, dict[str, torch.Tensor]]]
+
+
+@cache
+def composed(*overrides: str) -> dict[str, Any]:
+    """The configuration of a short run: five rounds and a window that is cut short; not to be changed."""
+    config = registry.compose(["tracking=none", *overrides])
+    if schema.resolve("env", config["env"]).domain == "continuous":
+        return small(*overrides)
+    window = config["feedback"]["window"]
+    return config | {"trainer": config["trainer"] | ROUNDS | {"steps": WINDOWS * window + window // 2}}
+
+
+@cache
+def fits(slot: str, *overrides: str) -> bool:
+    """Whether overrides go together, and something is made of the slot."""
+    try:
+        found = job.check(composed(*overrides))
+    except UserError:  # there is nothing where the option would go
+        return False
+    return not found.problems and slot in found.used
+
+
+METHODS = [
+    pytest.param(
+        (f"experiment={experiment}", f"method={method}"),
+        id=f"{experiment}-{method}",
+        marks=[] if experiment == "advertiser" else pytest.mark.slow,
+    )
+    for experiment in EXPERIMENTS
+    for method in sorted(registry.options("method"))
+]
+
+
+def every_component() -> Iterator[Any]:
+    """Overrides that put an option of a kind to use, experiment by experiment."""
+    for kind in KINDS:
+        for name in registry.options(kind):
+            slot = "reference" if kind in ("reward", "features") else kind
+            ways: list[list[str]] = [[], ALONE, [*ALONE, "reward@reference=linear"]]
+            found = [
+                (slot, f"experiment={experiment}", *way, *selection(kind, name))
+                for experiment in EXPERIMENTS
+                for way in ways
+            ]
+            yield pytest.param(found, id=f"{kind}={name}", marks=pytest.mark.slow if kind in SLOW else [])
+
+
+def started(config: Mapping[str, Any], seeds: tuple[int, ...]) -> Trainer:
+    trainer: Trainer = schema.build(config, "trainer")
+    trainer.start(seeds)
+    return trainer
+
+
+def run(trainer: Trainer, folder: Path | None = None) -> Rows:
+    """Run to the end; with a folder, leave a checkpoint there between any two rounds."""
+    rows: Rows = []
+
+    def between() -> None:
+        if folder is not None:
+            checkpoint.save(folder / f"{trainer.rounds}", {"trainer": trainer.state_dict(), "rows": len(rows)})
+
+    trainer.run(lambda step, values: rows.append((step, values)), between=between)
+    return rows
+
+
+def differing(one: Any, other: Any, where: str = "") -> list[str]:
+    """What is not the same to the bit in two states or journals."""
+    if isinstance(one, torch.Tensor) and isinstance(other, torch.Tensor) and one.shape == other.shape:
+        bits = [part.contiguous().numpy().tobytes() for part in (one, other)]
+        return [] if one.dtype == other.dtype and bits[0] == bits[1] else [where]
+    if isinstance(one, Mapping) and isinstance(other, Mapping) and list(one) == list(other):
+        return [found for key in one for found in differing(one[key], other[key], f"{where}.{key}")]
+    if isinstance(one, (list, tuple)) and isinstance(other, (list, tuple)) and len(one) == len(other):
+        pairs = enumerate(zip(one, other, strict=True))
+        return [found for i, pair in pairs for found in differing(*pair, f"{where}.{i}")]
+    return [] if type(one) is type(other) and repr(one) == repr(other) else [where]  # NaN is NaN
+
+
+def goes_on(config: Mapping[str, Any], folder: Path, seeds: tuple[int, ...], which: slice) -> None:
+    """Interrupt a run between any two rounds, or after some of them, and compare what comes of it."""
+    whole = started(config, seeds)
+    rows = run(whole, folder)
+    files = sorted(folder.iterdir(), key=lambda file: int(file.name))
+    assert len(files) >= 2
+    for file in files[which]:
+        state = checkpoint.load(file)
+        trainer = started(config, seeds)
+        trainer.load_state_dict(state["trainer"])
+        assert differing(trainer.state_dict(), state["trainer"]) == [], f"loaded after round {file.name}"
+        assert differing(run(trainer), rows[state["rows"] :]) == [], f"rows after round {file.name}"
+        assert differing(trainer.state_dict(), whole.state_dict()) == [], f"the end, from round {file.name} on"
+
+
+@pytest.mark.parametrize("names", METHODS)
+def test_a_method_goes_on_after_any_round(tmp_path: Path, names: tuple[str, ...]) -> None:
+    if not fits("assigner", *names):
+        pytest.skip("does not go with this experiment")
+    goes_on(composed(*names), tmp_path, (3, 4), slice(None))
+
+
+@pytest.mark.parametrize("choices", every_component())
+def test_a_component_goes_on(tmp_path: Path, choices: list[tuple[str, ...]]) -> None:
+    names = next((names for names in choices if fits(*names)), None)
+    assert names, "goes with no experiment"
+    goes_on(composed(*names[1:]), tmp_path, (3, 4, 5), slice(1, 2))
+
+
+def test_a_replay_buffer_that_wrapped_around_goes_on(tmp_path: Path) -> None:
+    config = composed("experiment=sepsis", "method=delayed", "optimizer.capacity=5", "optimizer.batch=8")
+    goes_on(config, tmp_path, (3, 4), slice(None))
+
+
+def test_a_maze_goes_on_from_its_demonstrations(tmp_path: Path) -> None:
+    config = composed("experiment=pointmaze", "method=disagreement")
+    goes_on(config, tmp_path, (3, 4, 5), slice(0, 1))
+    assert checkpoint.load(tmp_path / "1")["trainer"]["collected"] == 0
+
+
+class Forgetful(Count):
+    """Grows from round to round, and forgets that it did."""
+
+    keeps: ClassVar = ()
+
+    def start(self, problem: Any) -> None:
+        self._seen = 0
+
+    def __call__(self, recovery: Any, reference: Any) -> torch.Tensor:
+        self._seen += 1
+        return super().__call__(recovery, reference) * self._seen
+
+
+def test_a_state_that_is_forgotten_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("credit.bonuses.Count", Forgetful)
+    with pytest.raises(AssertionError, match="rows after round 2"):
+        goes_on(composed("method=reference"), tmp_path, (3, 4), slice(1, 2))
