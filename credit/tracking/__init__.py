@@ -133,7 +133,8 @@ class MLflowTracking(Tracking):
     def finish(self, timeout: float | None = None, on_progress: Callable[[int, int], None] | None = None) -> str | None:
         """Wait for the uploader; a store that fails gets a few seconds. The line says how to upload the rest."""
         begin, late = time.monotonic(), ""
-        if self.process is None or self.process.poll() is not None:
+        state = State.read(self._session)
+        if (self.process is None or self.process.poll() is not None) and not (state and state.ended):
             self._launch()  # something killed it
         while self.process is not None and self.process.poll() is None:
             state = State.read(self._session)

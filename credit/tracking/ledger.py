@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 
 from mlflow import MlflowClient
@@ -16,7 +17,8 @@ from mlflow.entities import Metric, Param, Run, RunTag
 from mlflow.exceptions import MlflowException
 
 from credit.tracking.curves import Row
-from credit.tracking.describe import PARENT, RunCard, safe_name
+from credit.tracking.describe import PARENT, safe_name
+from credit.tracking.entries import Entry, Upload
 from credit.tracking.journal import write_json
 from credit.tracking.notes import Note
 from credit.tracking.store import open_experiment
@@ -25,42 +27,6 @@ KEY_TAG = "credit.key"
 MAX_METRICS, MIN_METRICS, MAX_PARAMS, MAX_RUNS = 1000, 50, 100, 1000
 # Errors that belong to one run (say, someone deleted it in the UI): the others go on without it.
 _OF_ONE_RUN = {"RESOURCE_DOES_NOT_EXIST", "INVALID_PARAMETER_VALUE", "INVALID_STATE", "BAD_REQUEST"}
-
-
-@dataclass
-class Entry:
-    """One MLflow run: holds the rows up to `step`, was told `status`; `problem` is why it was given up.
-
-    Points in time count from `started` (epoch milliseconds), whichever session adds them.
-    """
-
-    id: str
-    started: int
-    described: bool = False
-    step: int = -1
-    rows: int = 0
-    status: str = "RUNNING"
-    parent: str | None = None
-    problem: str | None = None
-
-
-@dataclass(frozen=True)
-class Upload:
-    """What MLflow shall hold of one run: card, rows beyond a step, status, end (epoch seconds), files, notes.
-
-    `folder` is the run folder of a seed: whichever session fills it, it is one run.
-    """
-
-    key: str
-    experiment: str
-    card: RunCard
-    rows: Callable[[int], Sequence[Row]] = lambda after: ()
-    status: str = "RUNNING"
-    finished: float | None = None
-    files: Sequence[Path] = ()
-    texts: tuple[tuple[str, str], ...] = ()
-    note: str | None = None
-    folder: Path | None = None
 
 
 class Ledger:
@@ -81,7 +47,8 @@ class Ledger:
         self._batch = MAX_METRICS
         self.sent = 0
         self.entries: dict[str, Entry] = {}
-        if file.exists():
+        # A file that a power cut emptied is no loss: the store is asked in any case.
+        with suppress(OSError, ValueError, KeyError, TypeError):
             stored = json.loads(file.read_text())
             if stored["uri"] == uri:
                 self.entries = {key: Entry(**entry | {"problem": None}) for key, entry in stored["runs"].items()}

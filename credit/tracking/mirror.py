@@ -17,7 +17,8 @@ import yaml
 
 from credit.tracking.curves import Follower, mean_rows
 from credit.tracking.describe import job_card, seed_card, sweep_card
-from credit.tracking.ledger import Ledger, Upload
+from credit.tracking.entries import Upload
+from credit.tracking.ledger import Ledger
 from credit.tracking.notes import Note
 from credit.tracking.sessions import Seeds, attempt
 

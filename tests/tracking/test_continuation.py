@@ -169,6 +169,7 @@ def test_another_command_goes_on_with_a_seed(session: FakeSession, store: Store,
         assert note is not None
         Note(note.uri, note.session, note.key, "").write(folder)
     wider = FakeSession(session.output, identifier="20261123-000000-0000")
+    wider.jobs = 1  # so that its job starts 10 s later
     other = Store(wider, store.uri)
     follower = other.mirror()
     job = begin(wider, (0, 1, 2))
@@ -182,6 +183,7 @@ def test_another_command_goes_on_with_a_seed(session: FakeSession, store: Store,
     assert regrets(other) == REGRET | {"delayed/seed-2": [3.0, 4.0, 5.0]}
     after = seeds["delayed/seed-1"]
     assert after.info.run_id == before.info.run_id
+    assert [seconds for _, _, seconds in other.curve(after, "regret/cumulative")] == [0.5, 1.0, 1.5]
     jobs = {
         run.data.tags["session"]: run
         for run in store.client.search_runs([after.info.experiment_id], "tags.level = 'job'")
