@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import Any
 
 MANY = 2**16
+MOMENT = 0.05  # seconds
 
 
 class Lock:
@@ -30,8 +31,12 @@ class Lock:
 
     def take(self) -> bool:
         """Try to take the lock, without waiting; whether it is held now."""
-        if self._handle is not None:
-            return True
+        if self._handle is None and not self._try():
+            time.sleep(MOMENT)  # somebody may only have looked whether it is held
+            self._try()
+        return self._handle is not None
+
+    def _try(self) -> bool:
         _room_for_handles()
         while True:
             handle = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
@@ -71,11 +76,19 @@ class Lock:
 
     def held_elsewhere(self) -> bool:
         """Whether somebody else holds it now."""
-        if self._handle is not None or not self.path.exists():
+        if self._handle is not None:
             return False
-        taken = self.take()
-        self.release()
-        return not taken
+        try:
+            handle = os.open(self.path, os.O_RDONLY | os.O_CLOEXEC)
+        except FileNotFoundError:
+            return False
+        try:
+            fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)  # for a moment; who takes the lock just then tries again
+        except BlockingIOError:
+            return True
+        finally:
+            os.close(handle)
+        return False
 
     def holder(self) -> str:
         """Who holds it: `process 123 on host, since 2026-11-22 20:15:00`."""

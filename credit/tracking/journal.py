@@ -109,6 +109,7 @@ class Journal:
         for index, folder in enumerate(self.folders):
             if folder is None:
                 continue
+            (folder / "summary.json").unlink(missing_ok=True)  # of the interruption
             path = folder / "metrics.csv"
             text = path.read_text(encoding="utf-8") if path.exists() else ""
             whole = text[: text.rfind("\n") + 1]  # the last line may have been cut short
