@@ -20,7 +20,7 @@ from .test_continuous import composed as small
 
 KINDS = [kind for kind in registry.KINDS if kind != "tracking"]
 EXPERIMENTS = sorted(registry.options("experiment"), key=lambda name: (name == "pointmaze", name))  # slow ones last
-SLOW = ("reward", "features", "assigner", "scaler")
+QUICK = ("mixer", "bonus")  # of the rest, methods and two tests below stand for most
 ALONE = ["method=reference"]  # where no surrogate has the name of the reference
 ROUNDS = {"windows_per_round": 2, "first_windows": 0, "log_every": 4, "random_windows": 3}
 WINDOWS = 9
@@ -69,7 +69,7 @@ def every_component() -> Iterator[Any]:
                 for experiment in EXPERIMENTS
                 for way in ways
             ]
-            yield pytest.param(found, id=f"{kind}={name}", marks=pytest.mark.slow if kind in SLOW else [])
+            yield pytest.param(found, id=f"{kind}={name}", marks=[] if kind in QUICK else pytest.mark.slow)
 
 
 def started(config: Mapping[str, Any], seeds: tuple[int, ...]) -> Trainer:
