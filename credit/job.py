@@ -134,7 +134,7 @@ def split(config: Mapping[str, Any], parent: Path) -> tuple[list[int], list[int]
         if config["rerun"] or not (folder / "config.yaml").exists():
             todo.append(seed)
             continue
-        earlier = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))
+        earlier = read(folder)
         if identity(earlier) != identity(config):
             raise UserError(
                 f"{folder} holds a run of another configuration: {'; '.join(differences(earlier, config))}. "
@@ -142,6 +142,22 @@ def split(config: Mapping[str, Any], parent: Path) -> tuple[list[int], list[int]
             )
         (done if (folder / "DONE").exists() else todo).append(seed)
     return todo, done
+
+
+def read(folder: Path) -> dict[str, Any]:
+    """The configuration of a run.
+
+    Raises:
+        UserError: its file is damaged.
+    """
+    path = folder / "config.yaml"
+    try:
+        found = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError):
+        found = None
+    if not isinstance(found, dict):
+        raise UserError(f"{path}: damaged; restore it, or move {folder} away and compute the run anew")
+    return found
 
 
 def differences(earlier: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:

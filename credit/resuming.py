@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from credit import job as jobs
 from credit import runs, schema
 from credit.errors import UserError
@@ -59,9 +57,8 @@ def interrupted(folder: Path) -> list[tuple[dict[str, Any], Path]]:
     Raises:
         UserError: no run lies there.
     """
-    files = (
-        [folder / "config.yaml"] if (folder / "config.yaml").exists() else sorted(folder.rglob("seed-*/config.yaml"))
-    )
+    own = folder / "config.yaml"
+    files = [own] if own.exists() else sorted(folder.rglob("seed-*/config.yaml"))
     if not files:
         raise UserError(f"{folder}: no run lies here or below (a run's folder has a config.yaml)")
     left: dict[Path, list[int]] = {}
@@ -71,8 +68,11 @@ def interrupted(folder: Path) -> list[tuple[dict[str, Any], Path]]:
     found = []
     for parent, seeds in left.items():
         for first, count in spans(sorted(seeds)):
-            config = yaml.safe_load((parent / f"seed-{first}" / "config.yaml").read_text(encoding="utf-8"))
-            config |= {"output": str(parent.parents[2]), "seed": first, "replicas": count}
+            config = jobs.read(parent / f"seed-{first}") | {
+                "output": str(parent.parents[2]),
+                "seed": first,
+                "replicas": count,
+            }
             found.append((jobs.checked(config), parent))
     return found
 

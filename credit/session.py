@@ -54,9 +54,8 @@ class Session:
                 if facts["plan"] != plan:
                     continue
                 session = cls(output, facts["id"])
-                if facts["status"] == "FINISHED" or not session._lock.take():
-                    return None
-                return session
+                if facts["status"] != "FINISHED":
+                    return session if session._lock.take() else None
         return None
 
     @classmethod

@@ -68,8 +68,10 @@ def _changes(folder: Path, before: list[dict[str, Any]], now: list[dict[str, Any
 def _runs(folder: Path) -> int:
     """Every unfinished run in or below a folder."""
     from credit.resuming import resume
+    from launch.task import interruptible
 
-    results = resume(folder)
+    with interruptible(True):
+        results = resume(folder)
     for result in results:
         seeds = f"{len(result.computed)} seeds, {len(result.resumed)} of them resumed"
         line = f"failed   {result.title}: {result.error}" if result.error else f"done     {result.title}: {seeds}"
