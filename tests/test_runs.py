@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 import credit
-from credit import checkpoint, resuming, runner, runs
+from credit import checkpoint, resuming, runs, work
 from credit.errors import UserError
 from credit.locks import Lock
 from credit.session import Session
@@ -50,7 +50,7 @@ def folder(tmp_path: Path, half: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / PLACE
 
 
-def go_on(*words: str) -> runner.Result:
+def go_on(*words: str) -> credit.Result:
     return credit.run([*WORDS, "tracking=none", *words])
 
 
@@ -86,14 +86,14 @@ def test_more_is_asked_for_than_was_interrupted(folder, whole):
 
 
 def test_killed_between_two_done(folder, whole, monkeypatch):
-    write = runner.write_atomically
+    write = work.write_atomically
 
     def killed(path: Path, text: str) -> None:
         if path.parent.name == "seed-2" and path.name == "DONE":
             raise KeyboardInterrupt
         write(path, text)
 
-    monkeypatch.setattr(runner, "write_atomically", killed)
+    monkeypatch.setattr(work, "write_atomically", killed)
     with pytest.raises(KeyboardInterrupt):
         go_on("replicas=4")
     monkeypatch.undo()

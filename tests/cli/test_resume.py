@@ -164,7 +164,7 @@ def test_a_signal_in_the_last_round_lets_no_other_job_begin(folder, monkeypatch)
     def last(trainer: Trainer, *experience: Any) -> None:
         learn(trainer, *experience)
         if trainer.collected == 20:
-            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), signal.SIGTERM)
 
     monkeypatch.setattr(Trainer, "_learn", last)
     with pytest.raises(KeyboardInterrupt):
