@@ -17,6 +17,7 @@ Make = Callable[..., Trainer]
 Arrays = dict[str, np.ndarray]
 ROUNDS = ("trainer.windows_per_round=10", "trainer.random_windows=10")
 SHORT = ("experiment=sepsis", "trainer.steps=200", "trainer.log_every=20", *ROUNDS)
+MAIN = {"credit_hypotheses", "delayed", "disagreement"}  # the others are their parts in other combinations
 LEARNERS = sorted(registry.options("method").keys() - {"oracle"})
 STATES, ACTIONS, WINDOW = 1296, 8, 5
 PENALTY, PRIOR, COUNT, SCALE = 10.0, 0.25, 0.03, 0.1
@@ -71,7 +72,7 @@ def test_the_primitive_reward_does_not_leak(make_trainer: Make, method: str, fee
 @pytest.mark.parametrize(
     ("method", "more"),
     [
-        *((method, ()) for method in LEARNERS),
+        *(pytest.param(method, (), marks=() if method in MAIN else pytest.mark.slow) for method in LEARNERS),
         ("disagreement", ("feedback=terminal", "uncertainty.resample=exact")),
         ("disagreement", ("transition=mixture",)),
     ],

@@ -22,8 +22,14 @@ METHODS = [  # those that run on the advertiser
     if not job.check(registry.compose(["tracking=none", f"method={method}"])).problems
 ]
 LEARNERS = [method for method in METHODS if method != "oracle"]
+MAIN = {"block", "delayed", "disagreement", "oracle", "reference"}  # the others are their parts in other combinations
 Make = Callable[..., Trainer]
 Journal = list[tuple[int, dict[str, torch.Tensor]]]
+
+
+def each(methods: list[str]) -> list[Any]:
+    """The methods, all but the main ones slow."""
+    return [pytest.param(method, marks=() if method in MAIN else pytest.mark.slow) for method in methods]
 
 
 def run(trainer: Trainer) -> Journal:
@@ -37,7 +43,7 @@ def experience(trainer: Trainer) -> tuple[torch.Tensor, ...]:
     return windows.states, windows.actions, windows.next_states, windows.labels
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", each(METHODS))
 def test_a_replica_is_the_same_alone_and_in_a_batch(make_trainer: Make, method: str) -> None:
     seeds = (40, 41, 42, 43, 44)
     batch = make_trainer(method, seeds, "trainer.steps=560")
@@ -53,7 +59,7 @@ def test_a_replica_is_the_same_alone_and_in_a_batch(make_trainer: Make, method: 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", each(METHODS))
 def test_a_replica_is_the_same_in_a_large_batch_for_long(make_trainer: Make, method: str) -> None:
     batch = make_trainer(method, tuple(range(64)))
     alone = make_trainer(method, (37,))
@@ -63,7 +69,7 @@ def test_a_replica_is_the_same_in_a_large_batch_for_long(make_trainer: Make, met
         assert torch.equal(mine[0], theirs[37])
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", each(METHODS))
 def test_one_seed_one_run_and_another_seed_another(make_trainer: Make, method: str) -> None:
     first, again, other = (make_trainer(method, seeds, "trainer.steps=210") for seeds in ((1, 2), (1, 2), (3, 4)))
     for trainer in (first, again, other):
@@ -116,7 +122,7 @@ class SpyOptimizer(Optimizer):
         return {}
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", each(METHODS))
 def test_only_the_oracle_is_given_primitive_rewards(make_trainer: Make, method: str) -> None:
     trainer = make_trainer(method, (0, 1), "trainer.steps=70")
     seen: list[Windows] = []
