@@ -19,7 +19,7 @@ from credit.tracking.curves import Follower, mean_rows
 from credit.tracking.describe import job_card, seed_card, sweep_card
 from credit.tracking.entries import Upload
 from credit.tracking.ledger import Ledger
-from credit.tracking.notes import Note
+from credit.tracking.notes import Note, one_at_a_time
 from credit.tracking.sessions import Seeds, attempt
 
 AUTO_SEEDS = 20
@@ -141,34 +141,42 @@ class Mirror:
         running = job["status"] == "RUNNING"
         due = not running or begin >= self._seeds_due.get(number, 0.0)
         for seed, folder, journal in zip(job["seeds"], folders, self._journals[number], strict=False):
-            key, summary = f"{number}/{seed}", _summary(folder)
-            if not self._owns(key, folder, summary, session["id"], running):
-                self._ledger.forget(key)
-                self._waiting.pop(key, None)
-                continue
-            if due:
-                # A seed of a running job may be done, by an earlier attempt; that it failed then says nothing.
-                known = summary if summary.get("status") == "FINISHED" or not running else {}
-                end = {"status": job["status"], "finished": finished}
-                end |= known if known.get("session") == session["id"] else {}
-                self._ledger.upload(
-                    Upload(
-                        key=key,
-                        experiment=job["experiment"],
-                        card=seed_card(session, job, seed, self._run_id(str(number))),
-                        rows=journal.beyond,
-                        status=end["status"],
-                        finished=end["finished"],
-                        files=[folder / name for name in SEED_FILES if (folder / name).exists()],
-                        folder=folder,
-                    )
-                )
-                self._claimed.add(key)
+            key = f"{number}/{seed}"
+            with one_at_a_time(folder):
+                summary = _summary(folder)
+                if not self._owns(key, folder, summary, session["id"], running):
+                    self._ledger.forget(key)
+                    self._waiting.pop(key, None)
+                    continue
+                if due:
+                    self._upload_seed(session, job, seed, finished, folder, journal, summary)
             entry = self._ledger.entries.get(key)
             self._waiting[key] = len(journal.beyond(entry.step if entry else -1))
         if due and running:
             # The seeds get a tenth of the time at most, so that the curves of the jobs stay live.
             self._seeds_due[number] = begin + max(SEED_INTERVAL, 10 * (time.monotonic() - begin))
+
+    def _upload_seed(
+        self, session: Json, job: Json, seed: int, finished: float, folder: Path, journal: Follower, summary: Json
+    ) -> None:
+        key = f"{job['number']}/{seed}"
+        # A seed of a running job may be done, by an earlier attempt; that it failed then says nothing.
+        known = summary if summary.get("status") == "FINISHED" or job["status"] != "RUNNING" else {}
+        end = {"status": job["status"], "finished": finished}
+        end |= known if known.get("session") == session["id"] else {}
+        self._ledger.upload(
+            Upload(
+                key=key,
+                experiment=job["experiment"],
+                card=seed_card(session, job, seed, self._run_id(str(job["number"]))),
+                rows=journal.beyond,
+                status=end["status"],
+                finished=end["finished"],
+                files=[folder / name for name in SEED_FILES if (folder / name).exists()],
+                folder=folder,
+            )
+        )
+        self._claimed.add(key)
 
     def _owns(self, key: str, folder: Path, summary: Json, session: str, running: bool) -> bool:
         """Whether a seed's run is this session's to write: it is that of the session which filled the folder last.

@@ -2,13 +2,31 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
+import os
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from credit.tracking.journal import write_json
 
 FILE = "mlflow.json"
+
+
+@contextmanager
+def one_at_a_time(folder: Path) -> Iterator[None]:
+    """Nobody else looks whose run a folder is, and makes or takes it, until the end of the block.
+
+    The uploader of a killed session and that of the one that goes on may both want to, in two processes or in one.
+    """
+    with ExitStack() as held:
+        with suppress(OSError):  # the folder is not there yet, or its file system has no locks
+            handle = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+            held.callback(os.close, handle)
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
 
 
 @dataclass(frozen=True)

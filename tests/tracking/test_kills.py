@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import psutil
@@ -30,8 +31,9 @@ def train(folder: Path, *words: str) -> subprocess.Popen[bytes]:
 
 def uploader_of(process: subprocess.Popen[bytes]) -> psutil.Process | None:
     for child in psutil.Process(process.pid).children():
-        if "credit.tracking.uploader" in child.cmdline():
-            return child
+        with suppress(psutil.NoSuchProcess):  # a child that has just ended
+            if "credit.tracking.uploader" in child.cmdline():
+                return child
     return None
 
 
