@@ -87,15 +87,20 @@ def run(overrides: Sequence[str] = (), *, config_dirs: Sequence[str] = (), progr
 
 
 def place(config: Mapping[str, Any], overrides: Sequence[str]) -> Path:
-    """The folder of a job's runs.
+    """The folder of a job's runs, looked through before anything is made.
 
     Raises:
         UserError: a folder in it holds a run of another configuration, or a checkpoint that cannot be read.
     """
-    job = jobs.Job.of(config)
-    parent = job.folder / job.experiment / job.method / registry.slug(overrides)
+    parent = folder_of(config, overrides)
     runs.find(config, parent)
     return parent
+
+
+def folder_of(config: Mapping[str, Any], overrides: Sequence[str]) -> Path:
+    """The folder of a job's runs."""
+    job = jobs.Job.of(config)
+    return job.folder / job.experiment / job.method / registry.slug(overrides)
 
 
 def run_job(
@@ -122,7 +127,7 @@ def run_job(
     job = jobs.Job.of(config)
     begun, computed, resumed = time.monotonic(), list[int](), list[int]()
     status, error = "FINISHED", None
-    with runs.claimed(config, parent or place(config, overrides)) as found:
+    with runs.claimed(config, parent or folder_of(config, overrides)) as found:
         for group in found.groups:
             work = Work(config, overrides, session, number, found, group)
             status, error = work.compute(progress)

@@ -25,4 +25,6 @@ def test_one_at_a_time(tmp_path: Path) -> None:
 
 def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
     with one_at_a_time(tmp_path / "none"):
-        pass
+        entered = True
+    assert entered
+    assert not (tmp_path / "none").exists()
