@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.installed
 
-.PHONY: demo test test-slow lint format wheel clean
+.PHONY: demo test test-slow golden lint format wheel clean
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
@@ -20,6 +20,10 @@ test: $(STAMP)
 
 test-slow: $(STAMP)
 	$(BIN)/python -m pytest -n 2 -m "slow or not slow"
+
+# Short runs of every method, by the code before the redesign and by this: the same to the bit?
+golden: $(STAMP)
+	$(BIN)/python tests/golden/compare.py
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
