@@ -154,12 +154,12 @@ def main() -> int:
                 command = [sys.executable, HERE, "--only", given.only, "--compute", sides[name]]
                 environment = {**os.environ, "PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1"}
                 processes.append(subprocess.Popen(command, env=environment, cwd=tree))
-            if any([process.wait() for process in processes]):
+            if any([process.wait() for process in processes]):  # noqa: C419 - none may be left running
                 return 2
         finally:
             subprocess.run(["git", "-C", ROOT, "worktree", "remove", "--force", other], check=True)
         before, now = (json.loads((sides[name] / "runs.json").read_text()) for name in ("before", "now"))
-        return int(any([not _same(name, before[name], now.get(name)) for name in before]))
+        return int(any([not _same(name, before[name], now.get(name)) for name in before]))  # noqa: C419 - all are said
 
 
 def _same(name: str, before: str | list[str], now: str | list[str] | None) -> bool:
