@@ -14,20 +14,20 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from credit.loading import Run, load
-    from credit.resuming import resume
-    from credit.runner import Result, compose, run
+    from credit.runs.load import Run, load
+    from credit.runs.resume import resume
+    from credit.runs.runner import Result, compose, run
 
 os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # TorchRL reads it once, and tells of every buffer otherwise
 
 __all__ = ["Result", "Run", "compose", "load", "resume", "run"]
 _HOMES = {
-    "compose": "runner",
-    "load": "loading",
-    "resume": "resuming",
-    "Result": "runner",
-    "Run": "loading",
-    "run": "runner",
+    "compose": "runs.runner",
+    "load": "runs.load",
+    "resume": "runs.resume",
+    "Result": "runs.runner",
+    "Run": "runs.load",
+    "run": "runs.runner",
 }
 
 

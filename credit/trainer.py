@@ -9,10 +9,11 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from credit.component import Component
-from credit.dataset import Dataset
-from credit.errors import RunError, UserError
-from credit.interfaces import (
+from credit.agents.random import Random
+from credit.core.component import Component
+from credit.core.dataset import Dataset
+from credit.core.errors import RunError, UserError
+from credit.core.interfaces import (
     CreditAssigner,
     Environment,
     Feedback,
@@ -22,9 +23,8 @@ from credit.interfaces import (
     SomeProblem,
     SomeWindows,
 )
-from credit.optimizers.random import Random
-from credit.trajectories import TrajectoryDataset
-from credit.types import Belief, NonNegativeInt, PositiveInt, Problem
+from credit.core.trajectories import TrajectoryDataset
+from credit.core.types import Belief, NonNegativeInt, PositiveInt, Problem
 
 Log = Callable[[int, dict[str, Tensor]], None]
 

@@ -13,11 +13,12 @@ from hypothesis import settings
 from torch import Tensor
 
 import credit
-from credit import job, registry, schema
-from credit.envs.advertiser import Advertiser
+from credit.config import registry, schema
+from credit.core.trajectories import ContinuousProblem, Moves, Trajectories
+from credit.core.types import Problem, Windows
+from credit.envs.advertiser.environment import Advertiser
+from credit.runs import job
 from credit.trainer import Trainer
-from credit.trajectories import ContinuousProblem, Moves, Trajectories
-from credit.types import Problem, Windows
 
 torch.set_num_threads(1)
 settings.register_profile("credit", deadline=None, derandomize=True, database=None, max_examples=40)

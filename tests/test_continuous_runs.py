@@ -12,20 +12,20 @@ import torch
 from torch import Tensor
 
 import credit
-from credit.artifacts import Recorder
-from credit.bonuses import Disagreement
-from credit.continuous import StepModel
+from credit.agents.random import Random
+from credit.agents.sac.optimizer import SAC
+from credit.core.continuous import StepModel
+from credit.core.errors import RunError, UserError
+from credit.core.interfaces import CreditAssigner, FeatureMap, Optimizer
+from credit.core.trajectories import ContinuousProblem, Moves, Trajectories
+from credit.envs.feedback import Success
 from credit.envs.pointmaze.environment import PointMaze
-from credit.errors import RunError, UserError
-from credit.feedback import Success
-from credit.interfaces import CreditAssigner, FeatureMap, Optimizer
-from credit.mixers import RelativeMSE
-from credit.optimizers.random import Random
-from credit.optimizers.sac.optimizer import SAC
-from credit.redistribution.rules import Delayed
-from credit.step_recovery import StepRecovery
+from credit.recovery.bonuses import Disagreement
+from credit.recovery.mixers import RelativeMSE
+from credit.recovery.step_recovery import StepRecovery
+from credit.rivals.rules import Delayed
+from credit.runs.artifacts import Recorder
 from credit.trainer import Trainer
-from credit.trajectories import ContinuousProblem, Moves, Trajectories
 
 H = 40
 Journal = list[tuple[int, dict[str, Tensor]]]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 import torch
 
-from credit import registry, schema
-from credit.job import check, checked
+from credit.config import registry, schema
+from credit.runs.job import check, checked
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
 

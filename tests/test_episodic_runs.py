@@ -9,8 +9,8 @@ import pytest
 import torch
 
 import credit
-from credit import registry
-from credit.errors import UserError
+from credit.config import registry
+from credit.core.errors import UserError
 from credit.trainer import Trainer
 
 Make = Callable[..., Trainer]

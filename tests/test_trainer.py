@@ -8,13 +8,14 @@ from typing import Any
 import pytest
 import torch
 
-from credit import job, registry
-from credit.dataset import Dataset
-from credit.errors import RunError, UserError
-from credit.feedback import BlockSum
-from credit.interfaces import CreditAssigner, Optimizer
+from credit.config import registry
+from credit.core.dataset import Dataset
+from credit.core.errors import RunError, UserError
+from credit.core.interfaces import CreditAssigner, Optimizer
+from credit.core.types import Windows
+from credit.envs.feedback import BlockSum
+from credit.runs import job
 from credit.trainer import Trainer
-from credit.types import Windows
 
 METHODS = [  # those that run on the advertiser
     method

@@ -18,7 +18,7 @@ def test_the_wheel_trains_outside_the_checkout(tmp_path):
         wheel.extractall(tmp_path / "site")
     assert (tmp_path / "site/credit/conf/config.yaml").exists()
     code = (
-        "import credit, sys; from launch.cli import main; assert 'site' in credit.__file__; "
+        "import credit, sys; from credit.cli.main import main; assert 'site' in credit.__file__; "
         "sys.exit(main(['train', 'method=random', 'replicas=1', 'trainer.steps=70', 'tracking=none']))"
     )
     done = subprocess.run(

@@ -21,8 +21,8 @@ from torch import Tensor, nn
 from torchrl.data import Bounded, LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.objectives import SACLoss, SoftUpdate, ValueEstimators
 
+from credit.agents.sac.networks import CRITICS, actor_module, critic_module
 from credit.networks.stack import Shape
-from credit.optimizers.sac.networks import CRITICS, actor_module, critic_module
 
 ROWS, BATCH, WIDTH, UPDATES = 10_000, 256, 256, 64
 ACTOR, CRITIC = Shape(4, 4, WIDTH, 2), Shape(6, 1, WIDTH, 2)

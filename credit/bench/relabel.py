@@ -9,14 +9,14 @@ import torch
 from torch import Tensor
 
 from credit.bench.measure import Row, taken_in_turns
-from credit.continuous import StepModel
+from credit.core.continuous import StepModel
+from credit.core.trajectories import ContinuousProblem, Trajectories
 from credit.envs.pointmaze.environment import PointMaze
-from credit.network_uncertainty import Dropout
-from credit.rewards.features.maze import MazeCells, MazeGeometry
-from credit.rewards.features.motion import Motion
-from credit.rewards.neural import NeuralModel
-from credit.rewards.step_linear import StepLinear
-from credit.trajectories import ContinuousProblem, Trajectories
+from credit.envs.pointmaze.features import MazeCells, MazeGeometry
+from credit.recovery.features.motion import Motion
+from credit.recovery.models.neural import NeuralModel
+from credit.recovery.models.step_linear import StepLinear
+from credit.recovery.uncertainty.networks import Dropout
 
 TRANSITIONS, HORIZON, PASSES = 200_000, 250, 8
 

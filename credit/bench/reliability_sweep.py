@@ -45,7 +45,7 @@ def sweep(folder: Path, jobs: int = 40, kills: int = 5, seed: int = 0) -> Swept:
     output = folder / "outputs"
     words = ["experiment=advertiser", "method=disagreement", "trainer.steps=3500", "replicas=1", f"output={output}"]
     words += [f"seed={','.join(map(str, range(jobs)))}", "hydra/launcher=local", "hydra.launcher.n_jobs=2"]
-    command = [sys.executable, "-m", "launch.cli", "train", "-m", *words]
+    command = [sys.executable, "-m", "credit.cli.main", "train", "-m", *words]
     moments, times, again, count = random.Random(seed), dict[Path, float](), 0, 0
     while count < kills:
         ended = _attempt(command, output, kill_after=moments.uniform(0, 4))

@@ -19,9 +19,9 @@ from typing import Any
 
 from credit.bench.measure import Row
 from credit.bench.servers import Server, postgresql, postgresql_programs
-from credit.session import JobRecord, Session
+from credit.runs.journal import Journal, write_yaml
+from credit.runs.session import JobRecord, Session
 from credit.tracking import MLflowTracking
-from credit.tracking.journal import Journal, write_yaml
 from credit.tracking.store import quiet_environment
 
 WRITERS = 8
@@ -170,7 +170,7 @@ def advertiser(pairs: int = PAIRS) -> list[Row]:
                 words = ["train", "method=disagreement", "replicas=20", f"output={output}"]
                 words += ["tracking=none"] if name == "none" else []
                 begin = time.monotonic()
-                subprocess.run([sys.executable, "-m", "launch.cli", *words], check=True, capture_output=True)
+                subprocess.run([sys.executable, "-m", "credit.cli.main", *words], check=True, capture_output=True)
                 commands[name].append(time.monotonic() - begin)
                 summary = json.loads(next(output.glob("advertiser/*/*/seed-0/summary.json")).read_text())
                 jobs[name].append(summary["wall_seconds"])

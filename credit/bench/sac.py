@@ -13,6 +13,8 @@ import torch
 from torchrl.collectors import Collector
 from torchrl.envs import DoubleToFloat, GymWrapper, TransformedEnv
 
+from credit.agents.sac.learner import Learner
+from credit.agents.sac.networks import extract_actor
 from credit.bench import peers
 from credit.bench.measure import Row, taken_in_turns
 from credit.bench.relabel import relabelling
@@ -20,8 +22,6 @@ from credit.envs.pointmaze.collector import RoundCollector
 from credit.envs.pointmaze.env import PointMazeEnv
 from credit.envs.pointmaze.maze import Maze
 from credit.envs.pointmaze.task import Task
-from credit.optimizers.sac.learner import Learner
-from credit.optimizers.sac.networks import extract_actor
 
 PLAIN: dict[str, Any] = {"layer_norm": False, "policy_delay": 1, "n_step": 1, "success_share": 0, "target_clip": False}
 FRAMES = 300

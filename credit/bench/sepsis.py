@@ -8,12 +8,12 @@ from functools import partial
 import torch
 from torch import Tensor
 
-from credit import schema
 from credit.bench.measure import Row, cpu_seconds, tensor_megabytes
-from credit.rewards.table import TableModel
-from credit.runner import compose
+from credit.config import schema
+from credit.core.types import FLOAT, Problem, Windows
+from credit.recovery.models.table import TableModel
+from credit.runs.runner import compose
 from credit.trainer import Trainer
-from credit.types import FLOAT, Problem, Windows
 
 REPLICAS = 4
 EPISODES = 5_000

@@ -9,10 +9,10 @@ import numpy as np
 import torch
 from scipy import stats
 
-from credit import schema
 from credit.bench import naive
 from credit.bench.measure import Row, cpu_seconds, peak_megabytes, tensor_megabytes
-from credit.runner import compose
+from credit.config import schema
+from credit.runs.runner import compose
 from credit.trainer import Trainer
 
 REPLICAS = 20

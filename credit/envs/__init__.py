@@ -4,5 +4,5 @@ from __future__ import annotations
 
 import gymnasium
 
-gymnasium.register("credit/Advertiser-v0", entry_point="credit.envs.advertiser:AdvertiserEnv")
-gymnasium.register("credit/Sepsis-v0", entry_point="credit.envs.sepsis:SepsisEnv")
+gymnasium.register("credit/Advertiser-v0", entry_point="credit.envs.advertiser.environment:AdvertiserEnv")
+gymnasium.register("credit/Sepsis-v0", entry_point="credit.envs.sepsis.environment:SepsisEnv")

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 from torch.optim.adam import adam
 
-from credit.stateful import Stateful
+from credit.core.state import Stateful
 
 
 class Adam(Stateful):

@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from credit.stateful import Stateful
+from credit.core.state import Stateful
 
 LANE = 16  # every block starts on a multiple: whole vectors, so that a number is rounded alike wherever it stands
 EPSILON = 1e-5  # of the layer norm

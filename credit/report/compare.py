@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from credit.errors import UserError
+from credit.core.errors import UserError
 from credit.report import tables
 from credit.report.comparison import Comparison, metrics_of, summarise
-from credit.report.maze.videos import make_videos
+from credit.report.pointmaze.videos import make_videos
 from credit.report.published import load_paper
 from credit.report.runs import load_runs
 
@@ -107,7 +107,7 @@ def _figures(comparisons: Sequence[Comparison], diagnostics_seed: int | None) ->
     from credit.report import style
     from credit.report.figures import curves_figure, distribution_figure
     from credit.report.heatmaps import heatmaps_figure
-    from credit.report.maze.figures import maze_figures
+    from credit.report.pointmaze.figures import maze_figures
     from credit.report.recovered import recovered_maps
 
     figures: dict[str, Figure | None] = {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from credit.errors import UserError
+from credit.core.errors import UserError
 
 
 @dataclass(frozen=True)

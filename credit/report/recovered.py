@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from credit.errors import UserError
+from credit.core.errors import UserError
 from credit.report.comparison import display_name, ordered_groups
 from credit.report.runs import Runs
 from credit.report.statistics import Array

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from credit.errors import UserError, nearest
+from credit.core.errors import UserError, nearest
 from credit.report.settings import is_called, name_settings, read_feedback, variant
 
 # The paper's methods in the order of its Table 1.

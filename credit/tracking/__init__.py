@@ -14,7 +14,7 @@ from abc import abstractmethod
 from collections.abc import Callable
 from pathlib import Path
 
-from credit.component import Component
+from credit.core.component import Component
 from credit.tracking.sessions import Seeds, State
 from credit.tracking.store import quiet_environment, resolve_uri, uri_problem
 

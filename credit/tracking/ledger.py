@@ -16,10 +16,10 @@ from mlflow import MlflowClient
 from mlflow.entities import Metric, Param, Run, RunTag
 from mlflow.exceptions import MlflowException
 
+from credit.runs.journal import write_json
 from credit.tracking.curves import Row
 from credit.tracking.describe import PARENT, safe_name
 from credit.tracking.entries import Entry, Upload
-from credit.tracking.journal import write_json
 from credit.tracking.notes import Note
 from credit.tracking.store import open_experiment
 

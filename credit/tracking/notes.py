@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from credit.tracking.journal import write_json
+from credit.runs.journal import write_json
 
 FILE = "mlflow.json"
 

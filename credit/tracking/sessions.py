@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from credit.locks import Lock
-from credit.tracking.journal import write_json
+from credit.runs.journal import write_json
+from credit.runs.locks import Lock
 from credit.tracking.store import resolve_uri
 
 Seeds = Literal["auto", "all", "none"]

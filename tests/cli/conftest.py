@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from launch.cli import main
+from credit.cli.main import main
 
 
 @dataclass(frozen=True)

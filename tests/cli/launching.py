@@ -22,7 +22,7 @@ import os
 import time
 from pathlib import Path
 
-from credit.feedback import BlockSum
+from credit.envs.feedback import BlockSum
 
 
 class Failing(BlockSum):
@@ -72,7 +72,7 @@ def environment(folder: Path, **more: str) -> dict[str, str]:
 
 
 def command(*words: str) -> list[str]:
-    return [sys.executable, "-m", "launch.cli", *words]
+    return [sys.executable, "-m", "credit.cli.main", *words]
 
 
 def run(folder: Path, *words: str, **more: str) -> subprocess.CompletedProcess[str]:

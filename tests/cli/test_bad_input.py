@@ -146,7 +146,7 @@ def test_is_refused_with_a_message(credit, folder, words, expected):
     ("row", "between", "total"), [((1.25, 0, 0), "0 to 0.6125", "1.25"), ((-0.25, 0, 1), "-0.1225 to 0.49", "0.75")]
 )
 def test_a_row_that_is_no_distribution_is_named(credit, folder, monkeypatch, row, between, total):
-    from credit.envs.sepsis import Sepsis
+    from credit.envs.sepsis.environment import Sepsis
 
     vitals = Sepsis._vitals
 
@@ -186,7 +186,7 @@ def test_all_problems_at_once(credit):
 
 
 def test_a_continuous_model_on_a_tabular_environment(credit, folder, monkeypatch):
-    from credit.rewards.linear import LinearModel
+    from credit.recovery.models.linear import LinearModel
 
     monkeypatch.setattr(LinearModel, "domain", "continuous")
     ended = credit("train")
@@ -197,18 +197,21 @@ def test_a_continuous_model_on_a_tabular_environment(credit, folder, monkeypatch
 
 
 YAML_CASES = {
-    "unknown key": ("_target_: credit.mixers.RelativeMSE\nalfa: 0.5\n", ["mixer.alfa", "0.5", "'alpha'"]),
+    "unknown key": ("_target_: credit.recovery.mixers.RelativeMSE\nalfa: 0.5\n", ["mixer.alfa", "0.5", "'alpha'"]),
     "wrong type": (
-        "_target_: credit.mixers.RelativeMSE\nalpha: often\n",
+        "_target_: credit.recovery.mixers.RelativeMSE\nalpha: often\n",
         ["mixer.alpha='often'", "float > 0"],
     ),
-    "wrong kind": ("_target_: credit.bonuses.Count\n", ["mixer", "Count is not a Mixer"]),
+    "wrong kind": ("_target_: credit.recovery.bonuses.Count\n", ["mixer", "Count is not a Mixer"]),
     "foreign class": ("_target_: os.system\n", ["os.system", "only classes of", "credit"]),
     "no such class": (
-        "_target_: credit.mixers.RelativMSE\n",
-        ["credit.mixers.RelativMSE", "cannot be imported"],
+        "_target_: credit.recovery.mixers.RelativMSE\n",
+        ["credit.recovery.mixers.RelativMSE", "cannot be imported"],
     ),
-    "not a component": ("_target_: credit.mixers.median\n", ["credit.mixers.median", "not a component"]),
+    "not a component": (
+        "_target_: credit.recovery.mixers.median\n",
+        ["credit.recovery.mixers.median", "not a component"],
+    ),
 }
 
 

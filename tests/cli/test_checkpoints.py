@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import torch
 
-from credit import checkpoint
+from credit.runs import checkpoint
 
 WORDS = ("method=disagreement", "replicas=2", "trainer.steps=280", "trainer.log_every=5", "checkpoint_seconds=0")
 PLACE = "advertiser/disagreement/trainer.log_every=5,trainer.steps=280"

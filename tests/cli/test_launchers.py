@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from credit import launchers
-from credit.errors import UserError
-from launch.board import Board
-from launch.task import Parent
+from credit.cli.board import Board
+from credit.cli.task import Parent
+from credit.config import launchers
+from credit.core.errors import UserError
 
 from .launching import SHORT, alive, begin, done, environment, kill_group, misbehaving, run, session, status, until
 

@@ -18,7 +18,7 @@ from typing import ClassVar
 
 import torch
 
-from credit.interfaces import FeatureMap
+from credit.core.interfaces import FeatureMap
 
 
 class Parity(FeatureMap):
@@ -33,7 +33,7 @@ class Parity(FeatureMap):
         return torch.nn.functional.one_hot(steps.states % 2, 2).double()
 '''
 REWARD = """# Surrogate that tells even from odd states.
-_target_: credit.rewards.linear.LinearModel
+_target_: credit.recovery.models.linear.LinearModel
 name: parity
 features: {_target_: parity_surrogate.Parity}
 regularization: 0.1
@@ -55,7 +55,7 @@ def site(tmp_path: Path) -> Path:
 
 def run(site: Path, *words: str) -> subprocess.CompletedProcess[str]:
     environment = os.environ | {"PYTHONPATH": f"{site}{os.pathsep}{ROOT}"}
-    command = [sys.executable, "-m", "launch.cli", *words]
+    command = [sys.executable, "-m", "credit.cli.main", *words]
     return subprocess.run(command, env=environment, cwd=site, capture_output=True, text=True, check=False)
 
 

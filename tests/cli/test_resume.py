@@ -50,7 +50,7 @@ def begin(folder: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
 
     def command(*words: str) -> subprocess.Popen[str]:
         process = subprocess.Popen(
-            [sys.executable, "-m", "launch.cli", *words],
+            [sys.executable, "-m", "credit.cli.main", *words],
             env=os.environ | {"PYTHONPATH": str(ROOT)},
             cwd=folder,
             stdout=subprocess.PIPE,

@@ -7,8 +7,9 @@ import shlex
 
 import pytest
 
-from credit import job, registry
-from credit.errors import UserError
+from credit.config import registry
+from credit.core.errors import UserError
+from credit.runs import job
 
 FILES = [
     pytest.param(name, marks=() if name == "table1" else pytest.mark.slow) for name in sorted(registry.options("sweep"))

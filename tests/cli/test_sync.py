@@ -37,7 +37,7 @@ def test_sessions_without_tracking_have_nothing_to_upload(credit, folder):
 
 
 def test_a_session_that_runs_is_left_alone(credit, folder):
-    from credit.session import Session
+    from credit.runs.session import Session
 
     session = Session.begin(folder / "outputs", "job", "x", [], {"uri": None, "seeds": "auto"}, [{"seed": 0}])
     ended = credit("sync")

@@ -99,10 +99,10 @@ def test_another_configuration_is_never_overwritten(credit, folder):
     place = ("--config-dir", "mine", "env=mine")
     file = folder / "mine/env/mine.yaml"
     file.parent.mkdir(parents=True)
-    file.write_text("_target_: credit.envs.advertiser.Advertiser\np_up: 0.6\n")
+    file.write_text("_target_: credit.envs.advertiser.environment.Advertiser\np_up: 0.6\n")
     assert credit("train", *place, "method=random", "replicas=1", *SHORT).code == 0
     before = next(folder.rglob("metrics.csv")).read_bytes()
-    file.write_text("_target_: credit.envs.advertiser.Advertiser\np_up: 0.5\n")
+    file.write_text("_target_: credit.envs.advertiser.environment.Advertiser\np_up: 0.5\n")
     ended = credit("train", *place, "method=random", "replicas=1", *SHORT)
     assert ended.code == 2
     assert "env.p_up: 0.6 → 0.5" in ended.err
@@ -162,7 +162,7 @@ def test_check_and_list_and_help_build_nothing(credit, folder):
 
 def test_the_module_is_the_command(folder):
     done = subprocess.run(
-        [sys.executable, "-m", "launch.train", "method=disagrement"],
+        [sys.executable, "-m", "credit.cli.train", "method=disagrement"],
         env={"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin"},
         capture_output=True,
         text=True,

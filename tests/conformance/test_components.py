@@ -16,10 +16,11 @@ import pytest
 import torch
 import yaml
 
-from credit import job, registry, schema, signatures
-from credit.dataset import Dataset
-from credit.errors import UserError
-from credit.interfaces import (
+from credit.agents.random import Random
+from credit.config import registry, schema, signatures
+from credit.core.dataset import Dataset
+from credit.core.errors import UserError
+from credit.core.interfaces import (
     Bonus,
     CreditAssigner,
     Environment,
@@ -30,10 +31,10 @@ from credit.interfaces import (
     RewardModel,
     Uncertainty,
 )
-from credit.optimizers.random import Random
-from credit.tables import TransitionModel, TransitionTable
+from credit.core.tables import TransitionModel, TransitionTable
+from credit.core.types import Problem, Windows
+from credit.runs import job
 from credit.trainer import Trainer
-from credit.types import Problem, Windows
 
 MakeWindows = Callable[..., Windows]
 SIGNED = {"thompson"}  # a posterior draw lies on either side of the mean

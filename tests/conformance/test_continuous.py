@@ -11,12 +11,13 @@ import pytest
 import torch
 import yaml
 
-from credit import job, registry, schema
-from credit.continuous import Scaler, StepModel
-from credit.interfaces import Bonus, CreditAssigner, Environment, FeatureMap, Feedback, Optimizer, Uncertainty
-from credit.optimizers.random import Random
+from credit.agents.random import Random
+from credit.config import registry, schema
+from credit.core.continuous import Scaler, StepModel
+from credit.core.interfaces import Bonus, CreditAssigner, Environment, FeatureMap, Feedback, Optimizer, Uncertainty
+from credit.core.trajectories import ContinuousProblem, Moves, Trajectories, TrajectoryDataset
+from credit.runs import job
 from credit.trainer import Trainer
-from credit.trajectories import ContinuousProblem, Moves, Trajectories, TrajectoryDataset
 
 H = 40
 SEEDS = (3, 4)

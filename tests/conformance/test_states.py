@@ -10,9 +10,10 @@ from typing import Any, ClassVar
 import pytest
 import torch
 
-from credit import checkpoint, job, registry, schema
-from credit.bonuses import Count
-from credit.errors import UserError
+from credit.config import registry, schema
+from credit.core.errors import UserError
+from credit.recovery.bonuses import Count
+from credit.runs import checkpoint, job
 from credit.trainer import Trainer
 
 from .test_components import selection
@@ -157,6 +158,6 @@ class Forgetful(Count):
 
 
 def test_a_state_that_is_forgotten_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("credit.bonuses.Count", Forgetful)
+    monkeypatch.setattr("credit.recovery.bonuses.Count", Forgetful)
     with pytest.raises(AssertionError, match="rows after round 2"):
         goes_on(composed("method=reference"), tmp_path, (3, 4), slice(1, 2))

@@ -18,8 +18,8 @@ NAMES = {
     "adaptive_mse": "Adaptive MSE-UCB",
     "disagreement": "Disagreement-UCB",
 }
-BLOCK_SUM = {"_target_": "credit.feedback.BlockSum", "window": 7, "noise": 0.2}
-TERMINAL = {"_target_": "credit.feedback.Terminal", "window": 5}
+BLOCK_SUM = {"_target_": "credit.envs.feedback.BlockSum", "window": 7, "noise": 0.2}
+TERMINAL = {"_target_": "credit.envs.feedback.Terminal", "window": 5}
 WriteRun = Callable[..., Path]
 
 

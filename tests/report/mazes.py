@@ -14,7 +14,7 @@ from credit.envs.pointmaze.maze import Maze
 
 MAZE = Maze.of(["#####", "#..##", "##..#", "#####"])
 START, GOAL = (1, 1), (2, 3)
-WINDOW = {"_target_": "credit.feedback.Terminal", "window": 300}
+WINDOW = {"_target_": "credit.envs.feedback.Terminal", "window": 300}
 NAMES = {"delayed": "Delayed SAC", "reference": "DNN-SAC", "disagreement": "Disagreement-SAC"}
 MODELS = ("dnn", "cells", "heuristic")
 KINDS = ("success", "partial", "failure")

@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from credit.errors import UserError
+from credit.cli.compare import main
+from credit.core.errors import UserError
 from credit.report.compare import compare
 from credit.report.comparison import summarise
 from credit.report.figures import distribution_figure
@@ -17,7 +18,6 @@ from credit.report.recovered import recovered_maps
 from credit.report.runs import load_runs
 from credit.report.style import SPARE, colours, save
 from credit.tracking.palette import COLOURS
-from launch.compare import main
 
 from .conftest import WriteRun, recovery_arrays
 
@@ -140,7 +140,7 @@ def test_command_line_problems_are_reported_together():
 
 
 def test_help_names_every_key_without_loading_pandas():
-    code = "import sys; from launch.compare import main; main(['--help']); sys.exit('pandas' in sys.modules)"
+    code = "import sys; from credit.cli.compare import main; main(['--help']); sys.exit('pandas' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     for key in (
         "experiment",

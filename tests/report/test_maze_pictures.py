@@ -11,14 +11,14 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from credit.errors import UserError
+from credit.core.errors import UserError
 from credit.report import style
 from credit.report.compare import compare
 from credit.report.comparison import summarise
-from credit.report.maze.figures import maze_figures
-from credit.report.maze.maps import beliefs_figure, load_beliefs, raster
-from credit.report.maze.pictures import KINDS, MISSED, REACHED, WALL
-from credit.report.maze.tracks import load_tracks, typical
+from credit.report.pointmaze.figures import maze_figures
+from credit.report.pointmaze.maps import beliefs_figure, load_beliefs, raster
+from credit.report.pointmaze.pictures import KINDS, MISSED, REACHED, WALL
+from credit.report.pointmaze.tracks import load_tracks, typical
 from credit.report.recovered import recovered_maps
 from credit.report.runs import load_runs
 

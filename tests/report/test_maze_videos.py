@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from credit.cli.compare import main
 from credit.report.comparison import Comparison, summarise
-from credit.report.maze import videos
-from credit.report.maze.videos import make_videos
+from credit.report.pointmaze import videos
+from credit.report.pointmaze.videos import make_videos
 from credit.report.runs import load_runs
-from launch.compare import main
 
 from .mazes import journal, write_maze_run
 

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from credit.errors import UserError
+from credit.core.errors import UserError
 from credit.report.runs import describe_seeds, load_curves, load_runs
 
 from .conftest import WriteRun

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from credit.errors import UserError
+from credit.core.errors import UserError
 from credit.report.runs import load_runs
 from credit.report.settings import is_called, name_settings, variant
 

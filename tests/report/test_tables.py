@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from credit.errors import UserError
+from credit.core.errors import UserError
 from credit.report.comparison import Comparison, summarise
 from credit.report.published import load_paper
 from credit.report.runs import load_runs

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
+from credit.cli.compare import main
 from credit.report.compare import compare
 from credit.report.comparison import Comparison, metrics_of, summarise
 from credit.report.figures import curves_figure, distribution_figure
@@ -17,7 +18,6 @@ from credit.report.published import load_paper
 from credit.report.runs import load_runs
 from credit.report.tables import csv, latex, markdown, runs_csv, terminal_tables
 from credit.report.text import caption, sentences
-from launch.compare import main
 
 from .conftest import BLOCK_SUM, TERMINAL, WriteRun, recovery_arrays
 

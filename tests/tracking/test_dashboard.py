@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 from mlflow import MlflowClient
 
-from credit.errors import UserError
+from credit.cli import dashboard
+from credit.core.errors import UserError
 from credit.tracking import landing
 from credit.tracking.mirror import Mirror
-from launch import dashboard
 
 from .conftest import FakeSession
 

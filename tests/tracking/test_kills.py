@@ -25,7 +25,7 @@ COMMAND = ("-m", "method=random,delayed,reference", "replicas=3", "trainer.steps
 def train(folder: Path, *words: str) -> subprocess.Popen[bytes]:
     with (folder / "terminal.log").open("ab") as log:
         return subprocess.Popen(
-            [sys.executable, "-m", "launch.cli", "train", *words], cwd=folder, stdout=log, stderr=log
+            [sys.executable, "-m", "credit.cli.main", "train", *words], cwd=folder, stdout=log, stderr=log
         )
 
 

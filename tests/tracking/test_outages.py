@@ -14,10 +14,10 @@ from pathlib import Path
 import pytest
 
 from credit.bench.servers import Server
-from credit.locks import Lock
+from credit.cli.main import main
+from credit.runs.locks import Lock
 from credit.tracking import MLflowTracking, uploader
 from credit.tracking.sessions import State, pending
-from launch.cli import main
 
 from .conftest import FakeSession
 from .reading import all_runs, assert_equal_to_journals
@@ -218,7 +218,7 @@ def test_an_address_that_answers_rubbish(
     session: FakeSession, uri: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], kind: str
 ) -> None:
     """It is said, quickly, and nothing is taken for uploaded."""
-    monkeypatch.setattr("launch.sync.SECONDS", 0.0)
+    monkeypatch.setattr("credit.cli.sync.SECONDS", 0.0)
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_TIMEOUT", "1")
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
     httpd = ThreadingHTTPServer(("127.0.0.1", 0), type("Kind", (Rubbish,), {"kind": kind}))

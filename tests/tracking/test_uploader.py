@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from mlflow import MlflowClient
 
-from credit.locks import Lock
+from credit.runs.locks import Lock
 from credit.tracking import MLflowTracking, NoTracking, Tracking, uploader
 from credit.tracking.mirror import Mirror
 from credit.tracking.report_run import log_report

@@ -10,8 +10,8 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.collectors import Collector
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
+from credit.core.errors import UserError
 from credit.envs.pointmaze.env import PointMazeEnv
-from credit.errors import UserError
 
 IDS = ("collector", "traj_ids")
 ENDS = ("success", "done", "terminated", "truncated")

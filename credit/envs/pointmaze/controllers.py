@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from credit.core.types import NonNegative, Positive, PositiveInt
 from credit.envs.pointmaze.physics import Balls
 from credit.envs.pointmaze.task import Task
-from credit.types import NonNegative, Positive, PositiveInt
 
 Floats = NDArray[np.float32]
 

@@ -14,9 +14,9 @@ import torch
 from numpy.typing import NDArray
 from tensordict import TensorDict
 
+from credit.core.errors import UserError
 from credit.envs.pointmaze.controllers import Controller, Path
 from credit.envs.pointmaze.task import Task
-from credit.errors import UserError
 
 SUCCESS, PARTIAL, FAILURE, UNKNOWN = KINDS = ("success", "partial", "failure", "unknown")
 ATTEMPTS = 50  # trajectories that are driven for one that is kept

@@ -13,9 +13,9 @@ from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
+from credit.core.errors import UserError, nearest
 from credit.envs.pointmaze.physics import Balls, Noise
 from credit.envs.pointmaze.task import Task
-from credit.errors import UserError, nearest
 
 Episodes = Literal["stream", "round"]
 Reward = Literal["sparse", "dense", "hidden"]

@@ -11,6 +11,10 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
+from credit.core.errors import UserError
+from credit.core.interfaces import Act, Environment, Feedback
+from credit.core.trajectories import ContinuousProblem, Moves, Trajectories
+from credit.core.types import FLOAT, NonNegativeInt, Positive, PositiveInt
 from credit.envs.pointmaze import minari
 from credit.envs.pointmaze.demonstrations import Demonstrations, describe, driven
 from credit.envs.pointmaze.geometry import Geometry
@@ -18,10 +22,6 @@ from credit.envs.pointmaze.maze import Cell, Maze
 from credit.envs.pointmaze.oracle import MazeOracle
 from credit.envs.pointmaze.rounds import Round, Rounds, trajectories
 from credit.envs.pointmaze.task import Task
-from credit.errors import UserError
-from credit.interfaces import Act, Environment, Feedback
-from credit.trajectories import ContinuousProblem, Moves, Trajectories
-from credit.types import FLOAT, NonNegativeInt, Positive, PositiveInt
 
 OBSERVATIONS, ACTIONS = 4, 2
 PACE = 3.0  # m/s, of the moves in pictures

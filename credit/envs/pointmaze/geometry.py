@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
+from credit.core.tensors import CACHED
+from credit.core.types import FLOAT
 from credit.envs.pointmaze.maze import Cell, Maze
-from credit.tensors import CACHED
-from credit.types import FLOAT
 
 SLACK = 1e-6  # m; walls are that much smaller on every side, so that to touch a corner or a side is not to cross it
 TINY = 1e-300  # stands for 0 in a direction: a line parallel to an axis stays between two sides for ever, or never

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from credit.errors import UserError, nearest
+from credit.core.errors import UserError, nearest
 
 Cell = tuple[int, int]
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from credit.core.errors import UserError
 from credit.envs.pointmaze.controllers import Path
 from credit.envs.pointmaze.demonstrations import UNKNOWN, Demonstrations
 from credit.envs.pointmaze.task import RADIUS, Task
-from credit.errors import UserError
 
 PARTS = {"observation": 4, "desired_goal": 2}
 

@@ -8,13 +8,13 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from credit.cells import Cells
-from credit.continuous import ContinuousProblem, StepBelief
+from credit.core.cells import Cells
+from credit.core.continuous import ContinuousProblem, StepBelief
+from credit.core.interfaces import Act, Optimizer
+from credit.core.state import Stateful
+from credit.core.types import Belief
 from credit.envs.pointmaze.rounds import Round
-from credit.interfaces import Act, Optimizer
-from credit.metrics import trust_metrics
-from credit.stateful import Stateful
-from credit.types import Belief
+from credit.judges.exact import trust_metrics
 
 SUMMARY = ("auc", "final", "learned", "lost")
 GOOD, BAD, LAST = 0.9, 0.6, 4  # a seed has learned at GOOD; below BAD it has lost it again; the end is LAST rounds

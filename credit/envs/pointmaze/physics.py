@@ -11,9 +11,9 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from credit.core.errors import RunError
 from credit.envs.pointmaze.maze import Maze, robotics
 from credit.envs.pointmaze.task import NOISE, RADIUS, TOP_SPEED, Task
-from credit.errors import RunError
 
 HEIGHT = 0.4  # of the walls (m)
 STATE = int(mujoco.mjtState.mjSTATE_QPOS | mujoco.mjtState.mjSTATE_QVEL)  # x, y, vx, vy: the paper's s_t

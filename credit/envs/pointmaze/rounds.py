@@ -10,13 +10,13 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
+from credit.core.interfaces import Act
+from credit.core.state import Stateful, pack, unpack
+from credit.core.trajectories import ContinuousProblem, Trajectories
+from credit.core.types import FLOAT
 from credit.envs.pointmaze.collector import RoundCollector
 from credit.envs.pointmaze.env import PointMazeEnv
 from credit.envs.pointmaze.task import Task
-from credit.interfaces import Act
-from credit.stateful import Stateful, pack, unpack
-from credit.trajectories import ContinuousProblem, Trajectories
-from credit.types import FLOAT
 
 
 @dataclass(frozen=True)

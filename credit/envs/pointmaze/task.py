@@ -8,8 +8,8 @@ from math import pi
 
 import numpy as np
 
+from credit.core.errors import UserError
 from credit.envs.pointmaze.maze import Cell, Maze
-from credit.errors import UserError
 
 # Facts of the simulated ball (a sphere of .1 m and density 1000, two motors, damped joints); lengths in m, time in s.
 NOISE, RADIUS = 0.25, 0.45  # start and goal move by ±NOISE on each axis; success is within RADIUS of the goal

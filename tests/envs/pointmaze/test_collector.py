@@ -11,10 +11,10 @@ from tensordict import TensorDictBase
 from torchrl.collectors import Collector
 from torchrl.data import LazyTensorStorage, SliceSampler, TensorDictReplayBuffer
 
+from credit.core.errors import UserError
 from credit.envs.pointmaze.collector import IDS, RoundCollector, whole
 from credit.envs.pointmaze.env import PointMazeEnv
 from credit.envs.pointmaze.task import Task
-from credit.errors import UserError
 
 Policy = Callable[[TensorDictBase], TensorDictBase]
 Make = Callable[[Task, Sequence[float]], Policy]

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import torch
 
+from credit.core.errors import UserError
 from credit.envs.pointmaze.collector import IDS
 from credit.envs.pointmaze.demonstrations import Demonstrations, describe, make
 from credit.envs.pointmaze.geometry import Geometry
 from credit.envs.pointmaze.maze import Maze
 from credit.envs.pointmaze.task import Task
-from credit.errors import UserError
 
 
 @pytest.fixture(scope="module")

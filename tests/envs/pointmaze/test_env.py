@@ -14,9 +14,9 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.envs.utils import check_env_specs
 
+from credit.core.errors import UserError
 from credit.envs.pointmaze.env import PointMazeEnv
 from credit.envs.pointmaze.task import Task
-from credit.errors import UserError
 
 Make = Callable[[Task, Sequence[float]], Callable[[TensorDictBase], TensorDictBase]]
 

@@ -12,13 +12,13 @@ import pytest
 import torch
 from torch import Tensor
 
+from credit.core.errors import UserError
+from credit.core.interfaces import Act
+from credit.core.trajectories import ContinuousProblem, Trajectories
+from credit.envs.feedback import BlockSum, Success
 from credit.envs.pointmaze.demonstrations import Demonstrations, make
 from credit.envs.pointmaze.environment import PointMaze
 from credit.envs.pointmaze.task import RADIUS, Task
-from credit.errors import UserError
-from credit.feedback import BlockSum, Success
-from credit.interfaces import Act
-from credit.trajectories import ContinuousProblem, Trajectories
 
 CORRIDOR = ["11111", "10001", "11111"]
 

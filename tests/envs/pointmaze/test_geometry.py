@@ -11,9 +11,9 @@ import pytest
 import torch
 from torch import Tensor
 
+from credit.core.errors import UserError
 from credit.envs.pointmaze.geometry import Geometry
 from credit.envs.pointmaze.maze import Cell, Maze
-from credit.errors import UserError
 
 Point = tuple[Fraction, Fraction]
 HALF = Fraction(1, 2) - Fraction(1, 10**6)

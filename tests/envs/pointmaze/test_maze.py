@@ -10,8 +10,8 @@ import pytest
 from gymnasium_robotics.envs.maze import maps
 from gymnasium_robotics.envs.maze.maze_v4 import Maze as Official
 
+from credit.core.errors import UserError
 from credit.envs.pointmaze.maze import OFFICIAL, Cell, Maze
-from credit.errors import UserError
 
 FREE = {1: [1, 2, 5, 6], 2: [1, 2, 4, 5, 6], 3: [2, 3, 4], 4: [1, 2, 4, 5, 6], 5: [1, 3, 4, 6], 6: [1, 2, 3, 5, 6]}
 

@@ -12,12 +12,12 @@ import gymnasium_robotics
 import numpy as np
 import pytest
 
+from credit.core.errors import UserError
 from credit.envs.pointmaze.controllers import Controller
 from credit.envs.pointmaze.controllers import Path as Driven
 from credit.envs.pointmaze.environment import PointMaze
 from credit.envs.pointmaze.minari import read, trimmed
 from credit.envs.pointmaze.task import Task
-from credit.errors import UserError
 
 minari = pytest.importorskip("minari")
 gymnasium.register_envs(gymnasium_robotics)

@@ -8,14 +8,14 @@ import pytest
 import torch
 from torch import Tensor
 
-from credit.continuous import StepBelief
+from credit.agents.random import Random
+from credit.core.continuous import StepBelief
+from credit.core.interfaces import Act
+from credit.core.trajectories import ContinuousProblem
+from credit.envs.feedback import Success
 from credit.envs.pointmaze.environment import PointMaze
 from credit.envs.pointmaze.oracle import MazeOracle, of_rounds
 from credit.envs.pointmaze.rounds import Round
-from credit.feedback import Success
-from credit.interfaces import Act
-from credit.optimizers.random import Random
-from credit.trajectories import ContinuousProblem
 
 
 def tensor(values: Any) -> Tensor:

@@ -12,11 +12,11 @@ import gymnasium_robotics
 import numpy as np
 import pytest
 
+from credit.core.errors import RunError
 from credit.envs.pointmaze.controllers import Controller
 from credit.envs.pointmaze.maze import Cell, Maze
 from credit.envs.pointmaze.physics import Balls
 from credit.envs.pointmaze.task import Task
-from credit.errors import RunError
 
 gymnasium.register_envs(gymnasium_robotics)
 

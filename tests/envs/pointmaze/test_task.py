@@ -8,12 +8,12 @@ from math import pi
 import numpy as np
 import pytest
 
+from credit.core.errors import UserError
 from credit.envs.pointmaze import task as facts
 from credit.envs.pointmaze.controllers import Controller
 from credit.envs.pointmaze.maze import Maze
 from credit.envs.pointmaze.physics import Balls, model
 from credit.envs.pointmaze.task import Task, clearance, fastest
-from credit.errors import UserError
 
 
 class Luckiest:

@@ -1,0 +1,84 @@
+"""Tabular Q-learning on relabelled steps: the model-free baseline of A.1."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar
+
+import torch
+from annotated_types import Interval
+from torch import Tensor
+
+from credit.core.dataset import Dataset
+from credit.core.interfaces import CreditAssigner, Optimizer
+from credit.core.streams import Stream
+from credit.core.types import Probability, Problem
+from credit.planning.solve import first_best
+
+
+class QLearning(Optimizer):
+    """Q(s, a) += lr·(r + γ max Q(s', ·) − Q(s, a)), ε-greedy, updated step by step once the window's label is known.
+
+    There is no time index, and the last step of a window bootstraps into the next: the task is continuing.
+
+    Args:
+        learning_rate: lr.
+        discount: γ.
+        epsilon: exploration in the first window.
+        epsilon_decay: factor on ε from one window to the next.
+        epsilon_floor: least ε.
+    """
+
+    domain: ClassVar = "tabular"
+    setting: ClassVar = "continuing"
+    keeps: ClassVar = ("_q", "_stream", "_windows")
+
+    def __init__(
+        self,
+        learning_rate: Annotated[float, Interval(gt=0, le=1)] = 0.05,
+        discount: Annotated[float, Interval(ge=0, lt=1)] = 0.99,
+        epsilon: Probability = 1.0,
+        epsilon_decay: Probability = 0.998,
+        epsilon_floor: Probability = 0.02,
+    ) -> None:
+        self.learning_rate = learning_rate
+        self.discount = discount
+        self.epsilon = epsilon
+        self.epsilon_decay = epsilon_decay
+        self.epsilon_floor = epsilon_floor
+
+    def start(self, problem: Problem) -> None:
+        """Q = 0."""
+        self._problem = problem
+        self._q = problem.zeros(problem.states, problem.actions)
+        self._flat = self._q.view(problem.replicas, -1)
+        self._stream = Stream(problem, "epsilon-greedy", "uniform", 2)
+        self._windows = 0
+
+    def act(self, states: Tensor, step: int) -> Tensor:
+        """A uniform action with probability ε, else the first best."""
+        uniform = self._stream.next()
+        values = self._q.gather(1, states.view(-1, 1, 1).expand(-1, 1, self._problem.actions)).squeeze(1)
+        explore = uniform[:, 0] < self._exploration()
+        return torch.where(explore, (uniform[:, 1] * self._problem.actions).to(torch.int64), first_best(values))
+
+    def improve(self, dataset: Dataset, assigner: CreditAssigner) -> None:
+        """One sweep over the newest windows, in the order in which they happened."""
+        windows = dataset.new
+        rewards = assigner.rewards(windows).flatten(1)
+        pairs = windows.pairs(self._problem.actions).flatten(1)
+        arrivals = windows.next_states.flatten(1).unsqueeze(-1).expand(-1, -1, self._problem.actions)
+        for t in range(pairs.shape[1]):
+            pair = pairs[:, t : t + 1]
+            ahead = self._q.gather(1, arrivals[:, t : t + 1]).amax(-1)
+            now = self._flat.gather(1, pair)
+            target = rewards[:, t : t + 1] + self.discount * ahead
+            self._flat.scatter_(1, pair, torch.lerp(now, target, self.learning_rate))
+        self._windows += windows.labels.shape[1]
+
+    def policies(self) -> dict[str, Tensor]:
+        """Greedy in Q; exploration is not counted as an error of the policy."""
+        policy = first_best(self._q)
+        return {"behaviour": policy, "greedy": policy}
+
+    def _exploration(self) -> float:
+        return max(self.epsilon * self.epsilon_decay**self._windows, self.epsilon_floor)

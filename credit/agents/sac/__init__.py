@@ -1,0 +1,1 @@
+"""Soft actor-critic for R replicas side by side."""

@@ -1,0 +1,210 @@
+"""Soft actor-critic: R learners side by side, each with its own data, weights and random numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, ClassVar
+
+import torch
+from annotated_types import Interval
+from torch import Tensor
+
+from credit.agents.sac.loss import Batch, Compiled, Gradients, Terms, losses
+from credit.agents.sac.networks import CRITICS
+from credit.agents.sac.policy import Policy
+from credit.core.draws import Draws
+from credit.core.errors import RunError, UserError
+from credit.core.state import Stateful
+from credit.core.streams import generators
+from credit.core.types import NonNegative, Positive, PositiveInt, Probability
+from credit.data.trajectory_replay import Replay
+from credit.networks.adam import Adam, step
+from credit.networks.denormals import flushed
+from credit.networks.stack import Shape, Stack, padded
+
+BLOCK = 32  # batches drawn at once
+
+Rate = Annotated[float, Interval(gt=0, le=1)]
+
+
+class Learner(Stateful):
+    """Soft actor-critic with twin critics (B.2, line 13), on whole trajectories that are relabelled every round.
+
+    The defaults are the recipe `stable`; the paper's plain SAC is `layer_norm=False, updates=600, first_updates=1500,
+    batch=128, policy_delay=1, n_step=1, success_share=0, target_clip=False`.
+
+    Args:
+        width: of the hidden layers of actor and critics. depth: how many of them.
+        layer_norm: whether critics have layer norms.
+        learning_rate: Adam's, of actor, critics and α. discount: γ. target_rate: τ, at which the targets follow.
+        updates: gradient updates a round. first_updates: in the first round, on what was there before.
+        update_ratio: updates a new transition; 0 leaves it to `updates`.
+        batch: B, transitions an update. policy_delay: updates of the critics for one of actor and α.
+        n_step: n, steps of reward before the target's bootstrap. The entropy within them is left out.
+        success_share: of a batch, what is drawn from successful trajectories.
+        target_clip: whether targets stay within [min(r, 0), max(r, 0)] / (1 − γ) of the stored rewards.
+        average_rate: at which the average of the actor's weights, for evaluation only, follows them.
+        temperature: α at the start. adapt_temperature: whether it is adapted to the target entropy.
+        target_entropy: H̄; None is minus the number of actions.
+        time_cost: what every step costs: subtracted from every reward.
+        compile: whether `torch.compile` gets the update, after half a minute; wants a C++ compiler on a CPU.
+
+    Example:
+        >>> learner = Learner(width=64)
+        >>> learner.make(observations=4, actions=2, seeds=(0, 1))
+        >>> learner.fit(replay, learner.updates)
+    """
+
+    keeps: ClassVar[tuple[str, ...]] = (
+        *("actor", "average", "critic", "target", "log_alpha", "_adam", "_critic_adam"),
+        *("_noise", "_exploration", "count"),
+    )
+
+    def __init__(
+        self,
+        width: PositiveInt = 64,
+        depth: PositiveInt = 2,
+        layer_norm: bool = True,
+        learning_rate: Positive = 1e-3,
+        discount: Annotated[float, Interval(ge=0, lt=1)] = 0.99,
+        target_rate: Rate = 0.005,
+        updates: PositiveInt = 1200,
+        first_updates: PositiveInt = 3000,
+        update_ratio: NonNegative = 0.0,
+        batch: PositiveInt = 256,
+        policy_delay: PositiveInt = 2,
+        n_step: PositiveInt = 30,
+        success_share: Probability = 0.5,
+        target_clip: bool = True,
+        average_rate: Rate = 0.005,
+        temperature: Positive = 1.0,
+        adapt_temperature: bool = True,
+        target_entropy: float | None = None,
+        time_cost: NonNegative = 0.0,
+        compile: bool = False,
+    ) -> None:
+        self.width, self.depth, self.layer_norm = width, depth, layer_norm
+        self.learning_rate, self.discount, self.target_rate = learning_rate, discount, target_rate
+        self.updates, self.first_updates, self.update_ratio = updates, first_updates, update_ratio
+        self.batch, self.policy_delay, self.n_step = batch, policy_delay, n_step
+        self.success_share, self.target_clip = success_share, target_clip
+        self.average_rate = average_rate
+        self.temperature, self.adapt_temperature = temperature, adapt_temperature
+        self.target_entropy = target_entropy
+        self.time_cost, self.compile = time_cost, compile
+
+    def make(self, observations: int, actions: int, seeds: Sequence[int], device: torch.device | str = "cpu") -> None:
+        """Make the networks of R seeds."""
+        self.seeds, self.device = tuple(seeds), torch.device(device)
+        device = self.device
+        replicas, self._actions = len(seeds), actions
+        self._entropy = float(-actions) if self.target_entropy is None else self.target_entropy
+        mine = Shape(observations, 2 * actions, self.width, self.depth)
+        judge = Shape(observations + actions, 1, self.width, self.depth, self.layer_norm)
+        members, size = CRITICS * replicas, mine.numel(replicas)
+
+        def zeros(length: int) -> Tensor:
+            return torch.zeros(length, device=device)
+
+        weights, by_weights = zeros(size + padded(replicas)), zeros(size + padded(replicas))  # actors, then log α
+        self.actor, self.average = Stack(mine, replicas, weights[:size]), Stack(mine, replicas, zeros(size))
+        self.log_alpha = weights[size : size + replicas].fill_(math.log(self.temperature))
+        self.critic, self.target = (Stack(judge, members, zeros(judge.numel(members))) for _ in range(2))
+        by_actor, by_critic = (
+            Stack(mine, replicas, by_weights[:size]),
+            Stack(judge, members, zeros(judge.numel(members))),
+        )
+        by_log_alpha = by_weights[size : size + replicas]
+        self.actor.draw(generators(seeds, "sac/actor"))
+        twins = [generators(seeds, f"sac/critic {c}") for c in range(CRITICS)]
+        self.critic.draw([twin for pair in zip(*twins, strict=True) for twin in pair])
+        self.average.flat.copy_(self.actor.flat)
+        self.target.flat.copy_(self.critic.flat)
+        gradients = Gradients(
+            self.actor, self.critic, self.target, by_actor, by_critic, by_log_alpha, self._entropy, self.target_clip
+        )
+        self._gradients = Compiled(gradients) if self.compile else gradients
+        self._by_log_alpha = by_log_alpha
+        self._adam = Adam(weights, by_weights, self.learning_rate)
+        self._critic_adam = Adam(self.critic.flat, by_critic.flat, self.learning_rate)
+        self._noise = Draws(seeds, "sac/update", device)
+        self._exploration = Draws(seeds, "sac/exploration", device)
+        self.count = 0
+
+    def replay(self, capacity: int) -> Replay:
+        """An empty replay buffer for some transitions of all replicas together, with this learner's settings."""
+        return Replay(self.seeds, capacity, self.n_step, self.discount, self.success_share, self.device)
+
+    def policy(self, copies: int, horizon: int, averaged: bool = False) -> Policy:
+        """The actors, or their averages, as a collector's policy for `copies` environments a replica."""
+        return Policy(self.average if averaged else self.actor, self._exploration, copies, horizon)
+
+    def round_updates(self, first: bool, transitions: Sequence[int]) -> int:
+        """How many updates a round takes.
+
+        Args:
+            first: whether it is the first. transitions: new ones of each replica.
+
+        Raises:
+            UserError: `update_ratio` where replicas have different numbers of new transitions.
+        """
+        if not self.update_ratio:
+            return self.first_updates if first else self.updates
+        if len(set(transitions)) > 1:
+            raise UserError(
+                f"update_ratio={self.update_ratio}: seeds side by side do the same number of updates, but have "
+                f"{sorted(set(transitions))} new transitions; set update_ratio=0, or run one seed a job (replicas=1)"
+            )
+        return max(1, round(self.update_ratio * transitions[0]))
+
+    @flushed()
+    def fit(self, replay: Replay, updates: int) -> dict[str, Tensor]:
+        """Some updates on what is in the buffer.
+
+        Returns:
+            Of the last update: the losses `critic`, `actor` and `alpha`, the mean target `q`, `entropy`, and α as
+            `temperature`, each [R]; those of the actor are missing where it was not due.
+
+        Raises:
+            RunError: a weight is not finite.
+        """
+        for done in range(0, updates, BLOCK):
+            count = min(BLOCK, updates - done)
+            noise = self._noise.normal(count, 2, self.batch, self._actions, axis=2)
+            for batch, part in zip(replay.sample(self.batch, count), noise, strict=True):
+                terms = self.update(batch, part)
+        self.check()
+        values = losses(terms, self.log_alpha, self._entropy) | {"q": terms.target.mean(-1)}
+        if terms.log_prob is not None:
+            values |= {"entropy": -terms.log_prob.mean(-1), "temperature": self.log_alpha.exp()}
+        return values
+
+    def update(self, batch: Batch, noise: Tensor) -> Terms:
+        """One gradient step of the critics and, where it is due, of actor and α, all from the same weights.
+
+        Args:
+            batch: transitions [R, B]. noise: standard normal ε [2, R, B, A], for the actions at s and at s′.
+        """
+        self.count += 1
+        due = self.count % self.policy_delay == 0
+        terms = self._gradients(batch, noise, self.log_alpha, due)
+        if due and not self.adapt_temperature:
+            self._by_log_alpha.zero_()
+        step(self._critic_adam, *([self._adam] if due else []))
+        self.target.flat.lerp_(self.critic.flat, self.target_rate)
+        if due:
+            self.average.flat.lerp_(self.actor.flat, self.average_rate)
+        return terms
+
+    def check(self) -> None:
+        """Raise RunError, with seed and network, if a weight is not finite."""
+        for name, stack in (("actor", self.actor), ("critic", self.critic)):
+            if stack.flat.isfinite().all():
+                continue
+            finite = torch.stack([block.flatten(1).isfinite().all(1) for block in stack.blocks]).all(0)
+            bad = finite.view(len(self.seeds), -1).all(1).logical_not().nonzero().flatten().tolist()
+            raise RunError(
+                f"SAC: a weight of the {name} of seed {', '.join(str(self.seeds[r]) for r in bad)} is not finite after "
+                f"{self.count} updates; are the rewards finite? else try a smaller learning_rate"
+            )

@@ -1,0 +1,57 @@
+"""Actors side by side as the policy of a collector."""
+
+from __future__ import annotations
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.envs.utils import ExplorationType, exploration_type
+
+from credit.agents.sac.networks import deviation
+from credit.core.draws import Draws
+from credit.networks.stack import Stack, Tape
+
+
+class Policy:
+    """Maps `observation` [R·copies, O] to `action` [R·copies, A].
+
+    Actions are sampled where TorchRL's exploration type is RANDOM, and tanh of the mean elsewhere.
+
+    The noise of a whole round is drawn at its start, so that what a replica explores does not depend on how long the
+    rounds of the others last.
+
+    Args:
+        actor: R networks. draws: where noise comes from. copies: rows a replica. horizon: steps of a round, at most.
+
+    Example:
+        >>> policy = sac.policy(copies=5, horizon=300)
+        >>> rows = collect(policy)  # one round
+        >>> policy.restart()
+    """
+
+    def __init__(self, actor: Stack, draws: Draws, copies: int, horizon: int) -> None:
+        self.copies, self.horizon = copies, horizon
+        self._actor, self._draws = actor, draws
+        self._actions = actor.shape.outputs // 2
+        self._tape = Tape(actor.shape, actor.members, copies, actor.flat.device)
+        self._noise: list[Tensor] = []
+
+    def restart(self) -> None:
+        """Begin another round: the rest of this round's noise is dropped."""
+        self._noise = []
+
+    @torch.no_grad()
+    def __call__(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Set `action`."""
+        observation = tensordict["observation"]
+        self._tape.input.copy_(observation.view_as(self._tape.input))
+        loc, raw = self._actor.forward(self._tape).chunk(2, -1)
+        if exploration_type() == ExplorationType.RANDOM:
+            loc = torch.addcmul(loc, deviation(raw), self._next())
+        return tensordict.set("action", loc.tanh().view(*observation.shape[:-1], self._actions))
+
+    def _next(self) -> Tensor:
+        if not self._noise:
+            drawn = self._draws.normal(self.horizon, self.copies, self._actions, axis=1)
+            self._noise = list(drawn.flip(0).unbind())
+        return self._noise.pop()

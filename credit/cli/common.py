@@ -1,0 +1,68 @@
+"""What the commands share: their words, and the help that shows groups and options."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from credit.cli.main import EXAMPLES
+from credit.config import registry
+from credit.core.errors import UserError, nearest
+
+
+@dataclass
+class Words:
+    """A command line, sorted: overrides, flags, further folders of YAML files."""
+
+    overrides: list[str] = field(default_factory=list)
+    flags: list[str] = field(default_factory=list)
+    config_dirs: list[str] = field(default_factory=list)
+    help: bool = False
+
+    @classmethod
+    def parse(cls, argv: Sequence[str], flags: tuple[str, ...] = ()) -> Words:
+        """Sort the words of a command.
+
+        Raises:
+            UserError: an option that the command does not have.
+        """
+        words, rest = cls(), list(argv)
+        while rest:
+            word = rest.pop(0)
+            if word in ("-h", "--help"):
+                words.help = True
+            elif word in ("-cd", "--config-dir") or word.startswith("--config-dir="):
+                _, equals, folder = word.partition("=")
+                if not equals and not rest:
+                    raise UserError(f"{word} needs a folder")
+                words.config_dirs.append(folder if equals else rest.pop(0))
+            elif word in flags:
+                words.flags.append(word)
+            elif word.startswith("-"):
+                raise UserError(f"{word!r} is no option here; {nearest(word, [*flags, '--config-dir', '--help'])}")
+            else:
+                words.overrides.append(word)
+        return words
+
+
+def help_text(command: str, arguments: str, config_dirs: Sequence[str]) -> str:
+    """Usage, every group with its options, and examples."""
+    lines = [
+        f"usage: credit {command} {arguments} [--config-dir DIR]",
+        "",
+        "what can be chosen (group=option)",
+    ]
+    groups = {**registry.CHOICES, **{name: kind.help for name, kind in registry.KINDS.items() if kind.slots}}
+    for group, line in groups.items():
+        options = registry.options(group, config_dirs)
+        if group in ("planner", "learner") or not options:
+            continue
+        lines += [f"  {group:<12} {line}", f"  {'':<12}   {', '.join(options)}"]
+    lines += [
+        "",
+        "what can be set (key=value): seed, replicas, device, output, rerun, trainer.steps, trainer.log_every, …",
+        "and every parameter of a component, as `credit list KIND` shows them: mixer.alpha=.3",
+        "",
+        EXAMPLES,
+    ]
+    return "\n".join(lines)

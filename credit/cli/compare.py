@@ -1,0 +1,106 @@
+"""`credit compare`: tables, intervals and figures from finished runs."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from credit.cli.main import guarded
+from credit.cli.words import Reader, name, names, read_words, whole
+
+HELP = """\
+Compare finished runs of an experiment: tables, intervals and figures.
+
+Usage: credit compare [KEY=VALUE ...]
+
+  experiment=NAME        the experiment whose runs are compared          (advertiser)
+  method=A,B             only these methods                              (all)
+  slug=A,B               only these variants; `default` has no overrides (all)
+  feedback=A,B           only these settings; each is compared by itself (all)
+  seed=N                 the first seed                                  (all)
+  replicas=N             how many seeds from there (or 0) on             (all)
+  reference=METHOD       the method that the others are compared to      (reference)
+  trapped_above=X        final regret above which a seed is trapped      (300)
+  diagnostics_seed=N     maps (and in a maze trajectories) of this seed  (mean; median seed)
+  videos=true|false      film the final policies in a maze               (true)
+  output=DIR             where runs lie and reports go                   (outputs)
+  tracking=mlflow|none   log the report beside the training runs         (mlflow)
+
+Examples:
+  credit compare experiment=advertiser
+  credit compare method=reference,disagreement seed=1000 replicas=100
+"""
+
+
+def main(argv: list[str]) -> int:
+    """Run the command.
+
+    Args:
+        argv: the words after `credit compare`.
+
+    Returns:
+        The exit code, 0.
+
+    Raises:
+        UserError: a key or a value is not valid, or there is nothing to compare.
+    """
+    if {"-h", "--help"} & set(argv):
+        print(HELP, end="")
+        return 0
+    options = {"experiment": "advertiser", "output": Path("outputs"), **read_words(argv, READERS, "compare")}
+    from rich.console import Console
+
+    from credit.report.compare import compare
+    from credit.report.tables import terminal_tables
+    from credit.report.text import caption, heading, sentences
+
+    report = compare(**options)
+    console = Console(highlight=False, markup=False)
+    if not console.is_terminal:
+        console.width = 100
+    for comparison in report.comparisons:
+        if heading(comparison.runs):
+            console.rule(heading(comparison.runs), align="left", characters="═")
+        for table in terminal_tables(comparison, console.width):
+            console.print(table, "")
+        for line in sentences(comparison):
+            console.print(line)
+        if comparison is not report.comparisons[-1]:
+            console.print()
+    console.print(caption(*report.comparisons), style="dim")
+    console.print(f"\nTables and figures in {report.folder}:", soft_wrap=True)
+    console.print("  " + "  ".join(path.name for path in report.files))
+    if report.remark:
+        console.print(report.remark, soft_wrap=True)
+    if report.logged:
+        console.print(report.logged, soft_wrap=True)
+    return 0
+
+
+def _tracked(text: str) -> bool:
+    return {"mlflow": True, "none": False}[text]
+
+
+def _switch(text: str) -> bool:
+    return {"true": True, "false": False}[text]
+
+
+# key → argument of `compare`, how its text is read, what is allowed
+READERS: dict[str, Reader] = {
+    "experiment": ("experiment", name, "one name"),
+    "method": ("methods", names, "names separated by commas"),
+    "slug": ("slugs", names, "names separated by commas"),
+    "feedback": ("feedback", names, "names separated by commas"),
+    "seed": ("seed", whole(0), "a whole number, 0 or more"),
+    "replicas": ("replicas", whole(1), "a whole number, 1 or more"),
+    "reference": ("reference", name, "one name"),
+    "trapped_above": ("trapped_above", float, "a number"),
+    "diagnostics_seed": ("diagnostics_seed", whole(0), "a whole number, 0 or more"),
+    "videos": ("videos", _switch, "true or false"),
+    "output": ("output", Path, "a folder"),
+    "tracking": ("log", _tracked, "mlflow or none"),
+}
+
+
+if __name__ == "__main__":
+    sys.exit(guarded("compare", sys.argv[1:]))

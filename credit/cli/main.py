@@ -1,0 +1,89 @@
+"""`credit <command>`: dispatch, help, and the one place where errors become exit codes."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+
+from credit import __version__
+from credit.core.errors import UserError, nearest
+
+COMMANDS = {
+    "train": ("[overrides]", "run one job; with -m a sweep over comma-separated values"),
+    "resume": ("DIR", "finish a run or a sweep from its folder alone"),
+    "compare": ("[overrides]", "tables, intervals and figures from finished runs"),
+    "list": ("[KIND]", "every registered component: name, one line, parameters with their defaults"),
+    "check": ("[overrides]", "compose and check a configuration, build nothing"),
+    "sync": ("[DIR]", "upload to MLflow what it lacks of earlier sessions"),
+    "dashboard": ("", "MLflow's UI on the project's store, on 127.0.0.1"),
+    "bench": ("[NAME]", "speed and memory against peers, as ratios within one run"),
+}
+EXAMPLES = """\
+examples
+  credit train experiment=advertiser method=disagreement seed=0 replicas=20
+  credit train -m experiment=advertiser method=delayed,reference,disagreement replicas=20
+  credit train method=reference bonus.count.scale=.2 trainer.steps=7000
+  credit compare experiment=advertiser
+  credit list bonus
+  credit dashboard"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; 0 is success, 1 a failed run, 2 a request that cannot be met, 130 an interruption."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    if not words or words[0] in ("-h", "--help", "help"):
+        print(usage())
+        return 0
+    if words[0] in ("-V", "--version"):
+        print(f"credit {__version__}")
+        return 0
+    return guarded(words[0], words[1:])
+
+
+def guarded(command: str, words: Sequence[str]) -> int:
+    """Run a command and turn its errors into messages and exit codes."""
+    try:
+        if command not in COMMANDS:
+            raise UserError(f"{command!r} is no command; {nearest(command, COMMANDS)}")
+        status: int = importlib.import_module(f"credit.cli.{command}").main(list(words))
+        return status
+    except UserError as error:
+        lines = str(error).splitlines()
+        print(
+            f"credit {command}: " + ("\n  ".join(["", *lines]) if len(lines) > 1 else lines[0]),
+            file=sys.stderr,
+        )
+        return 2
+    except KeyboardInterrupt:
+        print(f"credit {command}: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # the reader of our output went away: `credit list | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
+    except OSError as error:
+        print(f"credit {command}: {error}", file=sys.stderr)
+        return 1
+
+
+def usage() -> str:
+    """The help text of `credit --help`."""
+    width = max(len(f"{name} {words}") for name, (words, _) in COMMANDS.items())
+    rows = [f"  credit {f'{name} {words}':<{width}}  {line}" for name, (words, line) in COMMANDS.items()]
+    return "\n".join(
+        [
+            "credit: reinforcement learning when rewards come late",
+            "",
+            "commands",
+            *rows,
+            "",
+            EXAMPLES,
+            "",
+            "`credit <command> --help` says more.",
+        ]
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

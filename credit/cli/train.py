@@ -1,0 +1,207 @@
+"""`credit train`: one job, or a sweep with -m."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shlex
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from credit.cli.board import Board
+from credit.cli.common import Words, help_text
+from credit.cli.follow import Follower, Job, counts, shown, status, table
+from credit.cli.main import guarded
+from credit.cli.task import BEAT, Parent, Task
+from credit.config import launchers, registry
+from credit.core.errors import UserError
+
+ATTEMPTS = 3  # how often a launcher is started that breaks: a worker that is killed for memory takes others with it
+SILENT = 30 * BEAT  # a job that has posted nothing for so long does not run any more
+
+
+def main(argv: list[str]) -> int:
+    """Check everything, then run, then say how it went, where the runs lie and what to type next."""
+    words = Words.parse(argv, flags=("-m", "--multirun"))
+    if words.help:
+        print(help_text("train", "[-m] [group=option] [key=value] ...", words.config_dirs))
+        return 0
+    multirun = sweeps(words)
+    if not multirun and (swept := [text for text in words.overrides if registry.is_sweep(text)]):
+        raise UserError(f"{swept[0]!r} names several values: add -m to run a sweep, or give one")
+    jobs = checked_jobs(words, multirun)
+    launcher = launchers.choose(words.overrides, len(jobs), uses_gpu(jobs), words.config_dirs)
+
+    from credit.config import schema
+    from credit.runs.job import Job as Facts
+    from credit.runs.job import plan
+    from credit.runs.runner import place
+    from credit.runs.session import Session
+
+    parents = {place(config, overrides): None for config, overrides in jobs}
+    first = jobs[0][0]
+    session = Session.begin(
+        Facts.of(first).folder,
+        "sweep" if multirun else "job",
+        first["experiment"],
+        ["train", *argv],
+        first["tracking"],
+        [plan(config, overrides) for config, overrides in jobs],
+        words.config_dirs,
+    )
+    board = Board(session.folder)
+    board.clear(jobs)
+    tracking = schema.build(first, "tracking")
+    tracking.start(session.folder, session.output)
+    console = Console(stderr=True, highlight=False)
+    follower, ended = Follower(board, jobs, console, tracking.news), "KILLED"
+    try:
+        with follower, stoppable(board, follower, console):
+            launch(launcher, jobs, session, board, follower, words.config_dirs)
+        stands = [status(follower.facts.get(number)) for number in range(len(jobs))]
+        ended = "FINISHED" if {*stands} <= {"done", "done before"} else "FAILED"
+    finally:
+        if multirun:
+            show(follower, jobs)
+        session.finish(ended)
+        late = drain(tracking, console)
+        board.end()
+    report([*parents], first, late)
+    return 0 if ended == "FINISHED" else 1
+
+
+def sweeps(words: Words) -> bool:
+    """Whether the command is a sweep: `-m`, or a sweep from a file, which is nothing else."""
+    return bool(words.flags) or any(registry.is_sweep_file(text) for text in words.overrides)
+
+
+def checked_jobs(words: Words, multirun: bool) -> list[Job]:
+    """The checked configuration and the overrides of every job.
+
+    Raises:
+        UserError: with the problems of all jobs, each once.
+    """
+    from credit.runs.job import checked
+
+    jobs = registry.expand(words.overrides, words.config_dirs) if multirun else [words.overrides]
+    found, problems, remarks = [], {}, dict[str, None]()
+    for overrides in jobs:
+        try:
+            config = checked(registry.compose(overrides, words.config_dirs), lambda text: remarks.setdefault(text))
+            found.append((config, overrides))
+        except UserError as error:
+            problems.update(dict.fromkeys(str(error).splitlines()))
+    if problems:
+        raise UserError("\n".join(problems))
+    for remark in remarks:
+        print(f"note     {remark}", file=sys.stderr)
+    return found
+
+
+def uses_gpu(jobs: list[Job]) -> bool:
+    """Whether any job runs on a GPU."""
+    from credit.runs.job import device
+
+    return any(device(config["device"]).type == "cuda" for config, _ in jobs)
+
+
+def launch(
+    launcher: list[str], jobs: list[Job], session: Any, board: Board, follower: Follower, config_dirs: list[str]
+) -> None:
+    """Hand the jobs to Hydra's launcher; if that breaks, hand it again those that have not ended."""
+    os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")  # of workers
+    trouble: dict[int, str] = {}
+    for _ in range(ATTEMPTS):
+        left = tuple(number for number in range(len(jobs)) if not follower.ended(number))
+        if not left or board.stopped():
+            break
+        task = Task(Path.cwd(), session.output, session.id, left, Parent())
+        place = [f"session={session.id}", f"output='{session.output}'"]
+        try:
+            overrides = [[*jobs[number][1], *place] for number in left]
+            errors = launchers.launch(task, overrides, [*launcher, *place], config_dirs)
+        except Exception as error:  # whatever a launcher may raise when a worker or a node dies
+            trouble = dict.fromkeys(left, f"{type(error).__name__}: {str(error).strip().partition(os.linesep)[0]}")
+        else:
+            trouble = {left[index]: error for index, error in errors.items()}
+            break
+    if board.stopped() in ("interrupted", "now"):
+        raise KeyboardInterrupt
+    for number, reason in trouble.items():
+        if not follower.ended(number) and not board.stopped():
+            ended = {"state": "ended", "status": "FAILED", "title": jobs[number][0]["title"]}
+            board.post(number, ended | {"error": f"the launcher: {reason}"})
+
+
+@contextlib.contextmanager
+def stoppable(board: Board, follower: Follower, console: Console) -> Iterator[None]:
+    """Ctrl-C and SIGTERM: the jobs stop after a checkpoint; a second one ends all at once.
+
+    A job in this process hears the signal itself; workers are told by the board.
+    """
+    over = threading.Event()
+
+    def ended() -> None:
+        """Leave a launcher that waits for jobs which nobody will run."""
+        while any(time.time() - facts.get("beat", 0) < SILENT for facts in follower.running()):
+            if over.wait(BEAT):
+                return
+        if not over.wait(2 * BEAT):
+            signal.raise_signal(signal.SIGINT)
+
+    def stop(number: int, frame: Any) -> None:
+        if board.stopped() in ("interrupted", "now"):
+            board.stop("now")
+            raise KeyboardInterrupt
+        board.stop("interrupted")
+        console.print("stopping: jobs write a checkpoint first; once more ends them at once")
+        threading.Thread(target=ended, daemon=True).start()
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        over.set()
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def show(follower: Follower, jobs: list[Job]) -> None:
+    """The table of all jobs, and how many of each kind."""
+    Console(width=max(100, Console().width), highlight=False).print(table(follower.facts, jobs))
+    print("\n".join(counts(follower.facts, jobs)))
+
+
+def report(parents: list[Any], config: dict[str, Any], late: str | None) -> None:
+    """Where the runs lie and what to type next."""
+    for parent in sorted(parents):
+        print(f"runs     {shown(parent)}/seed-*")
+    if late:
+        print(f"tracking {late}")
+    elsewhere = "" if config["output"] == "outputs" else f" output={shlex.quote(str(config['output']))}"
+    print(f"next     credit compare experiment={config['experiment']}{elsewhere}")
+    if config["tracking"]["_target_"] != "credit.tracking.NoTracking":
+        print(f"         credit dashboard{elsewhere}")
+
+
+def drain(tracking: Any, console: Console) -> str | None:
+    """Wait for what is still to be uploaded."""
+    with console.status("MLflow") if console.is_terminal else contextlib.nullcontext() as status:
+
+        def progress(done: int, total: int) -> None:
+            if status is not None:
+                status.update(f"MLflow: {done} of {total} rows")
+
+        late: str | None = tracking.finish(timeout=120.0, on_progress=progress)
+    return late
+
+
+if __name__ == "__main__":
+    sys.exit(guarded("train", sys.argv[1:]))

@@ -1,0 +1,63 @@
+"""KEY=VALUE words of commands that are not configurations: `credit compare`, `credit dashboard`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from credit.core.errors import UserError, nearest
+
+Reader = tuple[str, Callable[[str], Any], str]  # argument that is filled, how its text is read, what is allowed
+
+
+def read_words(argv: Sequence[str], readers: Mapping[str, Reader], command: str) -> dict[str, Any]:
+    """The arguments that KEY=VALUE words give.
+
+    Args:
+        argv: the words. readers: key → how it is read. command: for the message.
+
+    Raises:
+        UserError: with every word that cannot be read.
+    """
+    arguments: dict[str, Any] = {}
+    problems = []
+    for word in argv:
+        key, equals, text = word.partition("=")
+        if not equals:
+            problems.append(f"{word!r} is not of the form KEY=VALUE")
+        elif key not in readers:
+            problems.append(f"unknown key {key!r} (in {word!r}); {nearest(key, readers)}")
+        else:
+            argument, reader, allowed = readers[key]
+            try:
+                arguments[argument] = reader(text)
+            except (ValueError, KeyError):
+                problems.append(f"{key}={text}: expected {allowed}")
+    if problems:
+        raise UserError("\n".join([*problems, f"`credit {command} --help` lists what can be set"]))
+    return arguments
+
+
+def names(text: str) -> list[str]:
+    """Names separated by commas."""
+    names = [name.strip() for name in text.split(",")]
+    if not all(names):
+        raise ValueError(text)
+    return names
+
+
+def name(text: str) -> str:
+    """One name."""
+    (name,) = names(text)
+    return name
+
+
+def whole(least: int) -> Callable[[str], int]:
+    """A reader of whole numbers that are not below `least`."""
+
+    def read(text: str) -> int:
+        if int(text) < least:
+            raise ValueError(text)
+        return int(text)
+
+    return read

@@ -1,0 +1,1 @@
+"""Compose, check and build: what YAML names, and Hydra."""

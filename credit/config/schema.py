@@ -1,0 +1,251 @@
+"""Is a configuration right, and what does it build? Schemas come from signatures; nothing is declared twice.
+
+A *slot* is a top-level key that holds one component (`mixer`) or several by name (`bonus`). A constructor asks for
+another component by naming its slot: `RewardRecovery(mixer: Mixer, ...)` gets the one in `mixer`. The trainer is the
+root; what it does not reach is not built.
+"""
+
+from __future__ import annotations
+
+import importlib
+import typing
+from collections.abc import Mapping
+from functools import cache
+from importlib.metadata import entry_points
+from typing import Any
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from credit.config.signatures import REQUIRED, component_kind, describe, signature, takes_several
+from credit.core.component import Component
+from credit.core.errors import UserError, nearest
+
+ENTRY_POINTS = "credit.components"
+STRICT = ConfigDict(strict=True, allow_inf_nan=False)
+
+
+class Check:
+    """Find every problem of a composed configuration at once; build nothing.
+
+    Args:
+        config: plain mappings and lists; components are mappings with `_target_`.
+        slots: slot → the class that its components must have.
+        job: a dataclass whose fields are the plain keys of the top level.
+        roots: the slots that are built; what they ask for is built too.
+
+    Attributes:
+        problems: one sentence each. remark: what is right, but a user should know. used: slots that the roots reach.
+    """
+
+    def __init__(
+        self,
+        config: Mapping[str, Any],
+        slots: Mapping[str, type[Component]],
+        job: type,
+        roots: tuple[str, ...],
+    ) -> None:
+        self.problems: list[str] = []
+        self.remark = ""
+        self.used: set[str] = set()
+        self._config = config
+        self._slots = slots
+        self._classes: dict[str, dict[str, type[Component]]] = {}  # slot → path → class, without nested parts
+        self._parts: dict[str, list[tuple[str, type[Component]]]] = {}  # slot → nested parts
+        plain = {key: value for key, value in config.items() if key not in slots}
+        self._arguments("", plain, job, extra_names=slots)
+        for slot, kind in slots.items():
+            self._classes[slot], self._parts[slot] = {}, []
+            for path, node in members(config, slot).items():
+                cls = self._component(slot, path, node, kind)
+                if cls is not None:
+                    self._classes[slot][path] = cls
+        for slot in roots:
+            self._reach(slot, "the run")
+        if not self.problems:
+            self._fit()
+
+    def _component(self, slot: str, path: str, node: Any, kind: type[Component]) -> type[Component] | None:
+        if not is_component(node):
+            self.problems.append(f"{path}={node!r}: a component belongs here; choose one (see `credit list`)")
+            return None
+        try:
+            cls = resolve(path, node)
+        except UserError as error:
+            self.problems.append(str(error))
+            return None
+        if not issubclass(cls, kind):
+            self.problems.append(f"{path}: {cls.__name__} is not a {kind.__name__}")
+            return None
+        values = {key: value for key, value in node.items() if key != "_target_"}
+        self._arguments(f"{path}.", values, cls, slot=slot)
+        return cls
+
+    def _arguments(
+        self,
+        prefix: str,
+        values: Mapping[str, Any],
+        cls: type,
+        slot: str = "",
+        extra_names: Mapping[str, Any] = {},
+    ) -> None:
+        hints = signature(cls)
+        for key, value in values.items():
+            path = f"{prefix}{key}"
+            if key not in hints:
+                shown = "" if isinstance(value, Mapping) else f" (value {value!r})"
+                self.problems.append(f"{path}: unknown key{shown}; {nearest(key, [*hints, *extra_names])}")
+                continue
+            hint, _ = hints[key]
+            kind = component_kind(hint)
+            if value == "???":
+                self.problems.append(f"{path}: a value is missing; give {path}=<{describe(hint)}>")
+            elif kind is None:
+                self._value(path, value, hint)
+            elif value is None and type(None) not in typing.get_args(hint):
+                self.problems.append(f"{path}=null: a {kind.__name__} belongs here (a mapping with _target_)")
+            elif not (takes_several(hint) or value is None or is_component(value)):
+                self.problems.append(f"{path}={value!r}: one {kind.__name__} belongs here (a mapping with _target_)")
+            else:
+                for inner, node in members({path: value}, path).items():
+                    if (part := self._component(slot, inner, node, kind)) is not None:
+                        self._parts[slot].append((inner, part))
+        for name, (hint, default) in hints.items():
+            if name not in values and default is REQUIRED and component_kind(hint) is None:
+                path = f"{prefix}{name}"
+                self.problems.append(f"{path}: a value is missing; give {path}=<{describe(hint)}>")
+
+    def _value(self, path: str, value: Any, hint: Any) -> None:
+        try:
+            TypeAdapter(hint, config=STRICT).validate_python(value)
+        except ValidationError as error:
+            reason = error.errors()[0]["msg"]
+            self.problems.append(f"{path}={value!r}: {reason}; allowed: {describe(hint)}")
+
+    def _reach(self, slot: str, asker: str) -> None:
+        """Mark a slot and all that it asks for as used; complain about what is asked for and not there."""
+        if slot in self.used:
+            return
+        self.used.add(slot)
+        for path, cls in [*self._classes[slot].items(), *self._parts[slot]]:
+            node = at(self._config, path)
+            for name, (hint, default) in signature(cls).items():
+                if name in node or component_kind(hint) is None:
+                    continue
+                if name not in self._slots:
+                    if default is REQUIRED:
+                        self.problems.append(f"{path}.{name}: a component is missing here (a mapping with _target_)")
+                elif takes_several(hint) or is_component(self._config.get(name)):
+                    self._reach(name, path)
+                elif isinstance(self._config.get(name), Mapping):
+                    self.problems.append(f"{name}: {path} needs one component here, not several by name")
+                elif default is REQUIRED and self._config.get(name) is None:
+                    self.problems.append(f"{name}: {path} needs one, and there is none; add {name}=<option> ({asker})")
+
+    def _fit(self) -> None:
+        """Do the parts fit together: their domains, and what each declares that it needs."""
+        for slot in sorted(self.used):
+            for path, cls in [*self._classes[slot].items(), *self._parts[slot]]:
+                for wanted, given in self._mismatches(cls):
+                    self.problems.append(
+                        f"{path}: {cls.__name__} works on {wanted} environments only, and env is the {given}; "
+                        f"choose another {slot}, or another env"
+                    )
+                for needed_slot, needed in cls.needs.items():
+                    for other, other_class in self._classes.get(needed_slot, {}).items():
+                        if not issubclass(other_class, needed):
+                            self.problems.append(
+                                f"{path}: {cls.__name__} needs a {needed.__name__} in {other}, and there is "
+                                f"{other_class.__name__}; choose another {slot}, or another {needed_slot}"
+                            )
+
+    def _mismatches(self, cls: type[Component]) -> list[tuple[str, str]]:
+        """(what a class works on, what the environment is instead), for its domain and its setting."""
+        environment = next(iter(self._classes.get("env", {}).values()), None)
+        if environment is None:
+            return []
+        pairs = ((cls.domain, environment.domain), (cls.setting, environment.setting))
+        return [(want, f"{have} {environment.__name__}") for want, have in pairs if want not in ("any", have)]
+
+
+def build(config: Mapping[str, Any], slot: str) -> Any:
+    """Build a slot's component and everything it asks for; what two components ask for is built once.
+
+    Raises:
+        UserError: a constructor refused its arguments.
+    """
+    made: dict[str, Any] = {}
+
+    def from_slot(name: str) -> Any:
+        if name not in made:
+            parts = {path.rpartition(".")[2]: from_node(node) for path, node in members(config, name).items()}
+            made[name] = parts[name] if is_component(config.get(name)) else parts
+        return made[name]
+
+    def from_value(value: Any, kind: type | None) -> Any:
+        if kind is None or value is None:
+            return value
+        return from_node(value) if is_component(value) else {key: from_node(node) for key, node in value.items()}
+
+    def from_node(node: Mapping[str, Any]) -> Any:
+        """One component."""
+        cls = resolve(str(node["_target_"]), node)
+        arguments = {}
+        for name, (hint, default) in signature(cls).items():
+            if name in node:
+                arguments[name] = from_value(node[name], component_kind(hint))
+            elif component_kind(hint) is not None and (config.get(name) or default is REQUIRED):
+                arguments[name] = from_slot(name)
+        return cls(**arguments)
+
+    return from_slot(slot)
+
+
+def resolve(path: str, node: Mapping[str, Any]) -> type[Component]:
+    """The class behind `_target_`, if it is one that may be built.
+
+    Raises:
+        UserError: not importable, not a component, or of a package that did not announce itself.
+    """
+    target = str(node["_target_"])
+    module, _, name = target.rpartition(".")
+    if module.split(".")[0] not in allowed_packages():
+        raise UserError(
+            f"{path}._target_={target!r}: only classes of these packages may be built: "
+            f"{', '.join(sorted(allowed_packages()))}; a package announces itself by an entry point {ENTRY_POINTS!r}"
+        )
+    try:
+        found = getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError) as error:
+        raise UserError(f"{path}._target_={target!r} cannot be imported: {error}") from None
+    if not (isinstance(found, type) and issubclass(found, Component)):
+        raise UserError(f"{path}._target_={target!r} is not a component of credit")
+    return found
+
+
+@cache
+def allowed_packages() -> frozenset[str]:
+    """`credit`, and every package with an entry point in the group `credit.components`."""
+    return frozenset({"credit", *(point.module.split(".")[0] for point in entry_points(group=ENTRY_POINTS))})
+
+
+def members(config: Mapping[str, Any], slot: str) -> dict[str, Any]:
+    """Path → node of a slot: one entry for a component, one a name for a group, none where the slot is empty."""
+    value = config.get(slot)
+    if value is None:
+        return {}
+    if is_component(value) or not isinstance(value, Mapping):
+        return {slot: value}
+    return {f"{slot}.{name}": node for name, node in value.items()}
+
+
+def is_component(value: Any) -> bool:
+    """Whether a node describes a component."""
+    return isinstance(value, Mapping) and "_target_" in value
+
+
+def at(config: Mapping[str, Any], path: str) -> Any:
+    """The node at a dotted path."""
+    node: Any = config
+    for key in path.split("."):
+        node = node[key]
+    return node

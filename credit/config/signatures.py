@@ -1,0 +1,65 @@
+"""Constructor signatures: what a component's parameters are, which of them are components, and how to say it."""
+
+from __future__ import annotations
+
+import inspect
+import types
+import typing
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+from credit.core.component import Component
+
+REQUIRED = inspect.Parameter.empty
+
+
+@cache
+def signature(cls: type) -> dict[str, tuple[Any, Any]]:
+    """Constructor parameters: name → (type hint, default or REQUIRED)."""
+    constructor = inspect.getattr_static(cls, "__init__")
+    if constructor is object.__init__:
+        return {}
+    hints = typing.get_type_hints(constructor, include_extras=True)
+    parameters = inspect.signature(cls).parameters
+    return {name: (hints.get(name, Any), parameter.default) for name, parameter in parameters.items()}
+
+
+def component_kind(hint: Any) -> type[Component] | None:
+    """The component class that a parameter wants: itself, `X | None`, or the values of a mapping."""
+    for part in (hint, *typing.get_args(hint)):
+        if isinstance(part, type) and issubclass(part, Component):
+            return part
+    return None
+
+
+def takes_several(hint: Any) -> bool:
+    """Whether a parameter wants components by name, `Mapping[str, X]`."""
+    return isinstance(typing.get_origin(hint), type) and issubclass(typing.get_origin(hint), Mapping)
+
+
+def describe(hint: Any) -> str:
+    """A type hint as a user would say it: `float > 0`, `one of random, lexicographic`."""
+    origin, inner = typing.get_origin(hint), typing.get_args(hint)
+    if origin is typing.Annotated:
+        return " ".join([describe(inner[0]), *_limits(inner[1:])])
+    if origin is typing.Literal:
+        return "one of " + ", ".join(str(value) for value in inner)
+    if origin in (typing.Union, types.UnionType):
+        return " or ".join(describe(part) for part in inner)
+    if origin is dict:
+        return f"a mapping: {describe(inner[0])} → {describe(inner[1])}"
+    if origin is not None and inner:
+        return f"list of {describe(inner[0])}"
+    return "null" if hint is type(None) else str(getattr(hint, "__name__", hint))
+
+
+def _limits(limits: tuple[Any, ...]) -> list[str]:
+    signs = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
+    found = [
+        f"{sign} {getattr(limit, name)}"
+        for limit in limits
+        for name, sign in signs.items()
+        if getattr(limit, name, None) is not None
+    ]
+    return [" and ".join(found)] if found else []

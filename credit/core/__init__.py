@@ -1,0 +1,1 @@
+"""The records, the seams and the small tools that all rooms share."""

@@ -1,0 +1,160 @@
+"""What changes while a run goes on, as plain data, so that the run can be stopped and gone on with to the bit.
+
+`start(problem)` makes an object as it is at the beginning of a run; `load_state_dict` then makes it what it was when
+`state_dict` was called. Light to import: no torch.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+PLAIN = (bool, int, float, str)
+Packed = Any  # None, bool, int, float, str, tensors, and [tag, content] for everything that holds others
+
+
+class Stateful:
+    """Something with a state: by default, whatever `start` put on it.
+
+    Attributes:
+        keeps: names of the attributes that are the state, where that is less than all: caches and constants need not be
+            kept. An attribute may be a number, a string, a tensor, an array, a NumPy generator, a PyTorch module or
+            optimizer, another `Stateful`, or a list, tuple or dictionary of these.
+
+    Example:
+        >>> class Counts(Stateful):
+        ...     keeps = ("_counts",)
+    """
+
+    keeps: ClassVar[tuple[str, ...] | None] = None
+
+    def state_dict(self) -> dict[str, Packed]:
+        """The state: tensors on the CPU and plain data.
+
+        Raises:
+            TypeError: an attribute is of another kind; name those that matter in `keeps`, or override both methods.
+        """
+        return {name: pack(getattr(self, name), f"{type(self).__name__}.{name}") for name in self._names()}
+
+    def load_state_dict(self, state: Mapping[str, Packed]) -> None:
+        """Go on from a state, after the same `start`.
+
+        Raises:
+            ValueError: it is the state of something else.
+        """
+        expected = set(self._names())
+        if expected != set(state):
+            raise ValueError(f"{type(self).__name__} has the state {sorted(expected)}, not {sorted(state)}")
+        for name, packed in state.items():
+            setattr(self, name, unpack(packed, getattr(self, name), f"{type(self).__name__}.{name}"))
+
+    def _names(self) -> tuple[str, ...]:
+        if self.keeps is not None:
+            return self.keeps
+        given = inspect.signature(type(self)).parameters
+        return tuple(
+            name for name, value in vars(self).items() if not _constant(value) and (name not in given or _holds(value))
+        )
+
+
+def pack(value: Any, where: str) -> Packed:
+    """A value as plain data.
+
+    Raises:
+        TypeError: it cannot be, or `where` it is needs methods of its own.
+    """
+    import numpy as np
+    import torch
+
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or type(value) in PLAIN:
+        return value
+    if isinstance(value, torch.Tensor):
+        return value.detach().cpu().clone()  # a view would be saved with all that it is a view of
+    if isinstance(value, np.ndarray):
+        return ["array", torch.from_numpy(value.copy())]
+    if isinstance(value, np.random.Generator):
+        return ["generator", pack(value.bit_generator.state, where)]
+    if isinstance(value, (Stateful, torch.nn.Module)):
+        return ["state", value.state_dict()]
+    if isinstance(value, torch.optim.Optimizer):
+        return ["optimizer", pack(value.state_dict(), where)]
+    if isinstance(value, Mapping):
+        return ["dict", [[pack(key, where), pack(inner, f"{where}[{key!r}]")] for key, inner in value.items()]]
+    if type(value) in (list, tuple):
+        return [type(value).__name__, [pack(inner, f"{where}[{i}]") for i, inner in enumerate(value)]]
+    raise TypeError(
+        f"{where} is a {type(value).__name__}, which no checkpoint can hold: name the attributes that are the state in "
+        "`keeps`, or give the class a state_dict and a load_state_dict"
+    )
+
+
+def unpack(packed: Packed, now: Any, where: str) -> Any:
+    """A value from plain data; tensors and what has a state change in place where they can, and else are new.
+
+    Args:
+        now: the value that it replaces, as `start` made it.
+
+    Raises:
+        ValueError: there must be something in place that is not there.
+    """
+    import numpy as np
+    import torch
+
+    if isinstance(packed, torch.Tensor):
+        return _written(now, packed)
+    if not isinstance(packed, list):
+        return packed
+    tag, content = packed
+    if tag in ("list", "tuple"):
+        there = now if type(now) in (list, tuple) and len(now) == len(content) else [None] * len(content)
+        values = [unpack(*each, f"{where}[{i}]") for i, each in enumerate(zip(content, there, strict=True))]
+        return values if tag == "list" else tuple(values)
+    if tag == "dict":
+        pairs = [(unpack(key, None, where), inner) for key, inner in content]
+        held = now if isinstance(now, Mapping) else {}
+        return {key: unpack(inner, held.get(key), f"{where}[{key!r}]") for key, inner in pairs}
+    if tag == "array":
+        return content.numpy()
+    if tag == "generator" and isinstance(now, np.random.Generator):
+        now.bit_generator.state = unpack(content, None, where)
+    elif tag == "state" and isinstance(now, (Stateful, torch.nn.Module)):
+        now.load_state_dict(content)
+    elif tag == "optimizer" and isinstance(now, torch.optim.Optimizer):
+        now.load_state_dict(unpack(content, None, where))
+    else:
+        raise ValueError(f"{where}: the checkpoint has a {tag} where the run has {type(now).__name__}")
+    return now
+
+
+def _written(now: Any, tensor: Any) -> Any:
+    """The tensor where `now` is, if it has room for it: others may look at the same memory."""
+    import torch
+
+    if not isinstance(now, torch.Tensor):
+        return tensor
+    if now.shape != tensor.shape or now.dtype != tensor.dtype or _repeats(now):
+        return tensor.to(now.device)
+    with torch.no_grad():
+        return now.copy_(tensor)
+
+
+def _repeats(tensor: Any) -> bool:
+    """Whether several elements are one number in memory."""
+    return any(stride == 0 and size > 1 for stride, size in zip(tensor.stride(), tensor.shape, strict=True))
+
+
+def _constant(value: Any) -> bool:
+    import torch
+
+    from credit.core.types import Replicas
+
+    return isinstance(value, (Replicas, torch.device))
+
+
+def _holds(value: Any) -> bool:
+    """Whether a constructor's argument has a state of its own."""
+    parts = value.values() if isinstance(value, Mapping) else value if isinstance(value, (list, tuple)) else (value,)
+    return any(isinstance(part, Stateful) for part in parts)

@@ -1,0 +1,85 @@
+"""Random numbers that depend on (seed, purpose) alone, so that a replica draws the same in any batch."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from credit.core.state import Stateful
+from credit.core.types import Replicas
+
+Kind = Literal["uniform", "normal", "poisson"]
+
+
+def generators(seeds: Sequence[int], purpose: str) -> list[np.random.Generator]:
+    """One NumPy generator a seed; different purposes give independent streams."""
+    key = zlib.crc32(purpose.encode())
+    return [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(key,))) for seed in seeds]
+
+
+class Stream(Stateful):
+    """A buffered stream of random rows, one row [R, width] a call.
+
+    Args:
+        problem: gives the seeds and the device.
+        purpose: what the numbers are for; two streams of one purpose are equal.
+        kind: `uniform` on [0, 1), standard `normal`, or `poisson` with mean 1.
+        width: numbers per replica and call.
+
+    Example:
+        >>> u = Stream(problem, "environment", "uniform", width=7).next()  # [R, 7]
+    """
+
+    CHUNK = 2**13  # numbers drawn at once for a replica: a generator call costs more than a number
+
+    def __init__(self, problem: Replicas, purpose: str, kind: Kind, width: int) -> None:
+        self._generators = generators(problem.seeds, purpose)
+        self._kind = kind
+        self._width = width
+        self._device = problem.device
+        self._rows: Sequence[Tensor] = ()
+        self._used = 0
+        self._before: list[Any] = []  # where the generators stood before these rows were drawn
+
+    def next(self) -> Tensor:
+        """The next row of every replica, float64 [R, width]."""
+        if self._used == len(self._rows):
+            self._fill()
+        self._used += 1
+        return self._rows[self._used - 1]
+
+    def state_dict(self) -> dict[str, Any]:
+        """Where the generators stood before the buffered rows, and how many of those are used."""
+        return {"generators": self._before or self._now(), "used": self._used}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Draw the buffered rows again."""
+        for generator, before in zip(self._generators, state["generators"], strict=True):
+            generator.bit_generator.state = before
+        self._rows, self._before, self._used = (), [], 0
+        if state["used"]:
+            self._fill()
+            self._used = state["used"]
+
+    def _now(self) -> list[Any]:
+        return [g.bit_generator.state for g in self._generators]
+
+    def _fill(self) -> None:
+        self._before = self._now()
+        self._rows = torch.from_numpy(self._draw()).to(self._device).unbind()
+        self._used = 0
+
+    def _draw(self) -> np.ndarray:
+        shape = (max(self.CHUNK // self._width, 1), self._width)
+        if self._kind == "uniform":
+            drawn = [g.random(shape) for g in self._generators]
+        elif self._kind == "normal":
+            drawn = [g.standard_normal(shape) for g in self._generators]
+        else:
+            drawn = [g.poisson(1.0, shape).astype(np.float64) for g in self._generators]
+        return np.stack(drawn, axis=1)

@@ -1,0 +1,1 @@
+"""Finite MDPs whose P and r are known: continuing ones and episodic ones."""

@@ -1,0 +1,251 @@
+"""Exact finite-horizon MDPs with few successors a row: the truth, R replicas side by side, and a Gymnasium face."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any, ClassVar
+
+import gymnasium
+import torch
+from scipy.sparse import csr_array
+from torch import Tensor
+
+from credit.core.cells import Cells
+from credit.core.errors import UserError
+from credit.core.interfaces import Act, Feedback
+from credit.core.streams import Stream
+from credit.core.types import FLOAT, Problem, Windows
+from credit.envs.exact.base import ExactEnvironment
+from credit.judges.exact import EpisodicOracle
+from credit.planning.solve import first_best
+
+
+@dataclass(frozen=True)
+class SuccessorMDP:
+    """P as successor lists, r(s') and the initial distribution: the truth, which no learner sees.
+
+    Row n = s·A + a of P lists W states and their probabilities; entries of probability zero are padding, wherever
+    they stand. Objectives are `additive`, the sum of r(s_{t+1}) over the window, or terminal, r(s_T).
+
+    Args:
+        next_states: [N, W] int64. probabilities: [N, W]. reward_next: r(s') [S]. initial: [S].
+
+    Raises:
+        UserError: a row of P, or the initial distribution, is no distribution.
+    """
+
+    next_states: Tensor
+    probabilities: Tensor
+    reward_next: Tensor
+    initial: Tensor
+
+    def __post_init__(self) -> None:
+        for row in _not_distributions(self.probabilities)[:1].tolist():
+            entries = self.probabilities[row]
+            raise UserError(
+                f"transition row (s={row // self.actions}, a={row % self.actions}) is no distribution: its entries "
+                f"go from {float(entries.min()):.6g} to {float(entries.max()):.6g} and have the sum "
+                f"{float(entries.sum()):.6g}; they must lie in [0, 1] and sum to 1"
+            )
+        if len(_not_distributions(self.initial.unsqueeze(0))):
+            raise UserError(
+                f"the initial distribution has the least entry {float(self.initial.min()):.6g} and the sum "
+                f"{float(self.initial.sum()):.6g}; entries must lie in [0, 1] and sum to 1"
+            )
+
+    @property
+    def states(self) -> int:
+        """S."""
+        return self.initial.shape[0]
+
+    @property
+    def actions(self) -> int:
+        """A."""
+        return self.probabilities.shape[0] // self.states
+
+    @cached_property
+    def reward(self) -> Tensor:
+        """The expected primitive reward r(s, a) = Σ P(s'|s, a) r(s') [S, A] of a step."""
+        return self.backup(self.reward_next)
+
+    def backup(self, values: Tensor) -> Tensor:
+        """The expected next value Σ P(s'|s, a) v(s') [..., S, A] of values [..., S], the same alone or in a batch."""
+        columns = values.reshape(-1, self.states).T.cpu().numpy()
+        # N × (R·S) chosen rows would be gathered at full width W; the sparse product reads each non-zero once.
+        expected = torch.from_numpy(self._sparse @ columns).T
+        return expected.reshape(*values.shape, self.actions)
+
+    def optimal(self, horizon: int, additive: bool) -> tuple[Tensor, Tensor]:
+        """The best values [T+1, S] and a policy [T, S] that attains them, of ties the first action.
+
+        Raises:
+            UserError: no step to plan.
+        """
+        values, policy = [self._last(additive)], list[Tensor]()
+        for _ in range(_checked(horizon)):
+            ahead = self._ahead(values[0], additive)
+            values.insert(0, ahead.amax(-1))
+            policy.insert(0, first_best(ahead))
+        return torch.stack(values), torch.stack(policy)
+
+    def evaluate(self, policy: Tensor, additive: bool) -> Tensor:
+        """The value [R] of policies under the initial distribution.
+
+        Args:
+            policy: actions [R, T, S] int64, or probabilities of actions [R, T, S, A]; T is the horizon.
+            additive: whether the objective is the sum of rewards or the last one.
+
+        Raises:
+            UserError: no step to evaluate.
+        """
+        value = self._last(additive).unsqueeze(0)
+        for t in reversed(range(_checked(policy.shape[1]))):
+            ahead, chosen = self._ahead(value, additive), policy[:, t].cpu()
+            if policy.dim() == 4:
+                value = (ahead * chosen).sum(-1)
+            else:
+                value = ahead.expand(len(chosen), -1, -1).gather(-1, chosen.unsqueeze(-1)).squeeze(-1)
+        return (value * self.initial).sum(-1)
+
+    def _last(self, additive: bool) -> Tensor:
+        return torch.zeros_like(self.reward_next) if additive else self.reward_next
+
+    def _ahead(self, value: Tensor, additive: bool) -> Tensor:
+        return self.backup(self.reward_next + value if additive else value)
+
+    @cached_property
+    def _sparse(self) -> csr_array:
+        possible = self.probabilities > 0
+        rows = possible.nonzero()[:, 0]
+        cells = (rows.numpy(), self.next_states[possible].numpy())
+        return csr_array((self.probabilities[possible].numpy(), cells), shape=(len(possible), self.states))
+
+
+class EpisodicEnvironment(ExactEnvironment):
+    """R replicas of one exact MDP; every window starts from the initial distribution.
+
+    Args:
+        poison: replace the primitive reward by NaN wherever a learner could read it.
+    """
+
+    setting: ClassVar = "episodic"
+    keeps: ClassVar = ("_stream", "_first")
+
+    @property
+    @abstractmethod
+    def mdp(self) -> SuccessorMDP:
+        """The exact MDP."""
+
+    def start(self, problem: Problem) -> None:
+        """Make the streams of R replicas."""
+        mdp = self.mdp
+        self._actions = problem.actions
+        self._reward = mdp.reward_next.to(problem.device)
+        self._successors = mdp.next_states.to(problem.device)
+        self._cumulative = _cumulative(mdp.probabilities).to(problem.device)
+        self._initial = _cumulative(mdp.initial).to(problem.device)
+        self._stream = Stream(problem, "environment", "uniform", problem.window)
+        self._first = Stream(problem, "initial state", "uniform", 1)
+
+    def collect(self, act: Act, feedback: Feedback, windows: int, steps: int) -> tuple[Windows, Tensor]:
+        """Run `act` for some episodes, cut after `steps`; the feedback alone sees the true r(s')."""
+        states, actions, arrivals = [], [], []
+        for _ in range(windows):
+            now = torch.searchsorted(self._initial, self._first.next().squeeze(-1), right=True)
+            uniform = self._stream.next().unsqueeze(-1)
+            for t in range(steps):
+                action = act(now, t)
+                row = now * self._actions + action
+                then = self._successors[row, (self._cumulative[row] <= uniform[:, t]).sum(-1)]
+                states.append(now)
+                actions.append(action)
+                arrivals.append(then)
+                now = then
+        shape = (now.shape[0], windows, steps)
+        s, a, n = (torch.stack(part, dim=1).view(shape) for part in (states, actions, arrivals))
+        primitive = self._reward[n]
+        labels = feedback(primitive)
+        return Windows(s, a, n, labels), primitive * torch.nan if self.poison else primitive
+
+    def oracle(self, problem: Problem, feedback: Feedback) -> EpisodicOracle:
+        """Regret and reward error against the exact MDP, for the sum of rewards or for the last one."""
+        mdp = replace(self.mdp, reward_next=self.mdp.reward_next * torch.nan) if self.poison else self.mdp
+        values, _ = mdp.optimal(problem.window, feedback.additive)
+        uniform = torch.full((1, problem.window, problem.states, problem.actions), 1 / problem.actions, dtype=FLOAT)
+
+        def truth(cells: Cells) -> Tensor:
+            table = cells.known(mdp.reward, mdp.reward_next)
+            counts = cells.steps(table.device).times == problem.window - 1
+            return table if feedback.additive or "step" not in cells.axes else table * counts
+
+        return EpisodicOracle(
+            problem,
+            best=float(values[0] @ mdp.initial),
+            random=float(mdp.evaluate(uniform, feedback.additive)),
+            truth=truth,
+            evaluate=partial(mdp.evaluate, additive=feedback.additive),
+        )
+
+
+class EpisodicGymEnv(gymnasium.Env[int, int]):
+    """One copy of an episodic MDP as a Gymnasium environment; `reward` is the primitive reward r(s').
+
+    The last step is `terminated`, not `truncated`: the horizon belongs to the task, and no value lies behind it that
+    a learner should bootstrap from. `info["step"]` is the number of steps taken.
+
+    Raises:
+        UserError: no step to take, an action that does not exist, a step after the end.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["ansi"], "render_fps": 1}  # noqa: RUF012 - Gymnasium's own field
+
+    def __init__(self, mdp: SuccessorMDP, horizon: int, render_mode: str | None = None) -> None:
+        self.mdp = mdp
+        self.horizon = _checked(horizon)
+        self.render_mode = render_mode
+        self.observation_space = gymnasium.spaces.Discrete(mdp.states)  # type: ignore[assignment]
+        self.action_space = gymnasium.spaces.Discrete(mdp.actions)  # type: ignore[assignment]
+        self._probabilities = mdp.probabilities.numpy()
+        self.state, self.taken = 0, 0
+
+    def info(self) -> dict[str, Any]:
+        """What `reset` and `step` tell beside the state."""
+        return {"step": self.taken}
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[int, dict[str, Any]]:
+        """Draw an initial state."""
+        super().reset(seed=seed)
+        self.state = int(self.np_random.choice(self.mdp.states, p=self.mdp.initial.numpy()))
+        self.taken = 0
+        return self.state, self.info()
+
+    def step(self, action: int) -> tuple[int, float, bool, bool, dict[str, Any]]:
+        """Draw s' from P(·|s, a)."""
+        if not self.action_space.contains(action):
+            raise UserError(f"action={action!r}: allowed are 0 to {self.mdp.actions - 1}")
+        if self.taken == self.horizon:
+            raise UserError(f"the episode ended after {self.horizon} steps; call reset() first")
+        row = self.state * self.mdp.actions + int(action)
+        choice = self.np_random.choice(self._probabilities.shape[1], p=self._probabilities[row])
+        self.state = int(self.mdp.next_states[row, choice])
+        self.taken += 1
+        return self.state, float(self.mdp.reward_next[self.state]), self.taken == self.horizon, False, self.info()
+
+
+def _checked(horizon: int) -> int:
+    if horizon < 1:
+        raise UserError(f"horizon={horizon}: an episode has at least 1 step")
+    return horizon
+
+
+def _not_distributions(rows: Tensor) -> Tensor:
+    return (((rows.sum(-1) - 1).abs() > 1e-9) | (rows < 0).any(-1)).nonzero().flatten()
+
+
+def _cumulative(rows: Tensor) -> Tensor:
+    width = rows.shape[-1]
+    last = width - 1 - (rows > 0).flip(-1).to(torch.uint8).argmax(-1, keepdim=True)
+    # rounding must not lead past the last possible successor
+    return rows.to(FLOAT).cumsum(-1).masked_fill(torch.arange(width) >= last, torch.inf)

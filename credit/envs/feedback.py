@@ -1,0 +1,75 @@
+"""The only place where a label is made."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+
+from credit.core.interfaces import Feedback, SomeProblem
+from credit.core.streams import Stream
+from credit.core.types import NonNegative, PositiveInt
+
+
+class BlockSum(Feedback):
+    """The sum of the window's primitive rewards plus Gaussian noise (1), (24).
+
+    Args:
+        window: T, steps that share one label.
+        noise: standard deviation of the label's noise, in units of reward.
+    """
+
+    def __init__(self, window: PositiveInt = 7, noise: NonNegative = 0.2) -> None:
+        self.window = window
+        self.noise = noise
+
+    def start(self, problem: SomeProblem) -> None:
+        """Make the noise stream."""
+        self._stream = Stream(problem, "feedback", "normal", 1)
+
+    def __call__(self, rewards: Tensor) -> Tensor:
+        """Y = Σ_t r_t + ε for every window of rewards [R, K, T]."""
+        noise = torch.cat([self._stream.next() for _ in range(rewards.shape[1])], dim=1)
+        return rewards.sum(-1) + self.noise * noise
+
+
+class Terminal(Feedback):
+    """The primitive reward of the window's last step alone: an endpoint outcome, no sum of anything (6.2).
+
+    Args:
+        window: T, steps that share one label.
+    """
+
+    domain: ClassVar = "tabular"  # trajectories may end before T
+    additive: ClassVar = False
+
+    def __init__(self, window: PositiveInt = 5) -> None:
+        self.window = window
+
+    def start(self, problem: SomeProblem) -> None:
+        """There is no noise."""
+
+    def __call__(self, rewards: Tensor) -> Tensor:
+        """Y = r_{T−1} for every window of rewards [R, K, T]."""
+        return rewards[..., -1]
+
+
+class Success(Feedback):
+    """Whether the goal was reached, one bit for a whole trajectory (27); rewards are 1 there and 0 before.
+
+    Args:
+        window: H, most steps of a trajectory.
+    """
+
+    domain: ClassVar = "continuous"
+
+    def __init__(self, window: PositiveInt = 300) -> None:
+        self.window = window
+
+    def start(self, problem: SomeProblem) -> None:
+        """There is no noise."""
+
+    def __call__(self, rewards: Tensor) -> Tensor:
+        """Y = 1 if any reward of a trajectory [R, K, T] is positive, else 0."""
+        return (rewards > 0).any(-1).to(rewards.dtype)

@@ -1,0 +1,1 @@
+"""Dynamic programming, and the transition models that it plans with."""

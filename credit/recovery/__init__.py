@@ -1,0 +1,1 @@
+"""Labels → a pseudo-reward for every step: reference, surrogates, proxies, mixture, optimism."""

@@ -1,0 +1,149 @@
+"""What optimism adds to the mixed reward: pure equations on [R, N] and the components that carry their scales."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+
+from credit.core.errors import UserError
+from credit.core.interfaces import Bonus, RewardModel, SomeProblem
+from credit.core.streams import Stream
+from credit.core.tables import RidgeModel
+from credit.core.types import Belief, NonNegative, Positive, Problem, Recovery
+from credit.recovery.models.linear import LinearModel
+
+
+def shrink(visits: Tensor, lambda_visits: float) -> Tensor:
+    """1/√(λ + N(s, a)), the decay that all count-scaled bonuses share."""
+    return (lambda_visits + visits).rsqrt()
+
+
+def best_error(mse: Tensor, best: Tensor) -> Tensor:
+    """√MSE of the locally best model, (17) and (33): mse [..., M, N], best [..., N]."""
+    return mse.gather(-2, best.unsqueeze(-2)).squeeze(-2).sqrt()
+
+
+def disagreement_signal(mse: Tensor, disagreement: Tensor, best: Tensor) -> Tensor:
+    """e(s, a) of (18): √MSE_ref where the reference is locally best, √Δ̂² of the best surrogate elsewhere.
+
+    Args:
+        mse: [..., M, N], the reference first. disagreement: Δ̂² [..., M−1, N]. best: [..., N], 0 is the reference.
+    """
+    choices = torch.cat([mse[..., :1, :], disagreement], dim=-2)
+    return choices.gather(-2, best.unsqueeze(-2)).squeeze(-2).sqrt()
+
+
+class _Scaled(Bonus):
+    """A bonus c·(…)/√(λ + N) that decays with the visits; or, where none can be counted, one that does not."""
+
+    def __init__(self, scale: NonNegative = 1.0, lambda_visits: Positive | None = 1.0) -> None:
+        self.scale = scale
+        self.lambda_visits = lambda_visits
+
+    def start(self, problem: SomeProblem) -> None:
+        """Refuse to decay with visits where there are none.
+
+        Raises:
+            UserError: the problem is continuous, and λ is a number.
+        """
+        if not isinstance(problem, Problem) and self.scale and self.lambda_visits is not None:
+            raise UserError(
+                f"bonus: {type(self).__name__} with scale={self.scale} decays with visits, and where states are real "
+                "numbers there are none to count; set its scale to 0, or lambda_visits=null if it has meaning without"
+            )
+
+    def decay(self, recovery: Belief) -> Tensor | float:
+        """1/√(λ + N), or 1."""
+        if self.lambda_visits is None or not isinstance(recovery, Recovery):
+            return 1.0
+        return shrink(recovery.visits, self.lambda_visits)
+
+
+class Count(_Scaled):
+    """The count bonus c/√(λ + N(s, a)) of (17) and (19).
+
+    Args:
+        scale: c_base; 0 where visits cannot be counted.
+        lambda_visits: λ added to the visits.
+    """
+
+    def __init__(self, scale: NonNegative = 0.35, lambda_visits: Positive = 1.0) -> None:
+        super().__init__(scale, lambda_visits)
+
+    def __call__(self, recovery: Belief, reference: RewardModel) -> Tensor:
+        """c/√(λ + N)."""
+        return torch.ones_like(recovery.mixed) * (self.scale * self.decay(recovery))
+
+
+class LocalMSE(_Scaled):
+    """Uncertainty of the locally best model, c·√MSE_j*/√(λ + N) (17), (31); with the reference alone it is (30).
+
+    Args:
+        scale: c_mse.
+        lambda_visits: λ added to the visits; null leaves the decay out, which makes it (33).
+    """
+
+    def __call__(self, recovery: Belief, reference: RewardModel) -> Tensor:
+        """Equation (17), last term, or (33)."""
+        return self.scale * best_error(recovery.mse, recovery.best) * self.decay(recovery)
+
+
+class Disagreement(_Scaled):
+    """Reference uncertainty or reference–surrogate disagreement, c·e/√(λ + N) (18), (19), (32).
+
+    Args:
+        scale: c_dis.
+        lambda_visits: λ added to the visits; null leaves the decay out, which makes it (34).
+    """
+
+    def __call__(self, recovery: Belief, reference: RewardModel) -> Tensor:
+        """Equation (19), last term, or (34)."""
+        signal = disagreement_signal(recovery.mse, recovery.disagreement, recovery.best)
+        return self.scale * signal * self.decay(recovery)
+
+
+class Elliptical(Bonus):
+    """The width of the ridge confidence set, c·σ·√(φᵀV⁻¹φ): what the proof of theorem 1 bounds (38), (39).
+
+    Args:
+        scale: c.
+        noise: σ, standard deviation of a label's noise, in units of reward.
+    """
+
+    needs: ClassVar = {"reference": RidgeModel}
+
+    def __init__(self, scale: NonNegative = 2.0, noise: Positive = 0.2) -> None:
+        self.scale = scale
+        self.noise = noise
+
+    def __call__(self, recovery: Belief, reference: RewardModel) -> Tensor:
+        """c·σ·√(φᵀV⁻¹φ)."""
+        assert isinstance(reference, RidgeModel)
+        return self.scale * self.noise * reference.leverage().sqrt()
+
+
+class Thompson(Bonus):
+    """A posterior draw in place of a bonus: adds Φ(θ̃ − θ̂) with θ̃ ~ N(θ̂, v²V⁻¹), drawn anew at every refit.
+
+    Args:
+        scale: v, in units of reward.
+    """
+
+    needs: ClassVar = {"reference": LinearModel}
+
+    def __init__(self, scale: NonNegative = 0.15) -> None:
+        self.scale = scale
+
+    def start(self, problem: Problem) -> None:
+        """Remember the replicas; the stream is made when the number of features is known."""
+        self._problem = problem
+        self._stream: Stream | None = None
+
+    def __call__(self, recovery: Belief, reference: RewardModel) -> Tensor:
+        """v·Φ V^{-1/2} z."""
+        assert isinstance(reference, LinearModel)
+        if self._stream is None:
+            self._stream = Stream(self._problem, "thompson", "normal", reference.theta.shape[-1])
+        return self.scale * reference.perturbation(self._stream.next())

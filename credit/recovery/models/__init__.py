@@ -1,0 +1,1 @@
+"""Reward models: step → pseudo-reward, fitted to labels only."""

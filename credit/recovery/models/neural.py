@@ -1,0 +1,169 @@
+"""The neural estimator: a network of single steps, fitted to the labels of whole trajectories (5)."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from credit.core.continuous import NetworkUncertainty, StepModel
+from credit.core.errors import RunError
+from credit.core.interfaces import FeatureMap
+from credit.core.tensors import CACHED
+from credit.core.trajectories import ContinuousProblem, Moves, Trajectories
+from credit.core.types import NonNegative, Positive, PositiveInt
+from credit.networks.adam import Adam
+from credit.networks.denormals import flushed
+from credit.networks.stack import Shape, Stack, Tape
+from credit.recovery.models.batches import balanced, every, padding, side_by_side
+
+TINY = 1e-6  # a feature with a smaller deviation is a constant, and is not scaled
+
+
+class NeuralModel(StepModel):
+    """A perceptron on a feature map, output / H, fitted to trajectory labels by Adam (5).
+
+    Minimised is the mean over trajectories of (Y − Σ_t r̃)² + λ Σ_t |r̃|, in batches half of successes and half of
+    failures, on every stride-th step. On the motion of a body it is the DNN reference, on three features of a maze the
+    heuristic surrogate. R × E networks lie side by side; each goes on from its last fit.
+
+    Args:
+        name: the model's name in metrics, files and figures.
+        features: the feature map φ.
+        uncertainty: what is trained, and how it predicts: mean and variance.
+        width: of the hidden layers. depth: how many there are.
+        sparsity: λ, on the sum of |r̃| over a trajectory.
+        first_steps: gradient steps of the first fit. steps: of each later one.
+        batch: B, trajectories a gradient step. stride: one step in so many is fitted, and stands for the others.
+        learning_rate: Adam's.
+    """
+
+    keeps: ClassVar = ("networks", "_batches", "_adam", "_posterior", "_mean", "_scale", "_fits")
+
+    def __init__(
+        self,
+        name: str,
+        features: FeatureMap,
+        uncertainty: NetworkUncertainty,
+        width: PositiveInt = 64,
+        depth: PositiveInt = 2,
+        sparsity: NonNegative = 0.01,
+        first_steps: PositiveInt = 600,
+        steps: PositiveInt = 100,
+        batch: PositiveInt = 32,
+        stride: PositiveInt = 12,
+        learning_rate: Positive = 1e-3,
+    ) -> None:
+        self.name = name
+        self.features = features
+        self.uncertainty = uncertainty
+        self.width, self.depth = width, depth
+        self.sparsity = sparsity
+        self.first_steps, self.steps = first_steps, steps
+        self.batch, self.stride = batch, stride
+        self.learning_rate = learning_rate
+
+    def start(self, problem: ContinuousProblem) -> None:
+        """Fresh networks."""
+        self._problem, self._device = problem, problem.device
+        self.features.start(problem)
+        state, action = (
+            torch.zeros(1, size, device=problem.device) for size in (problem.observations, problem.actions)
+        )
+        row = Moves(state, action, state, torch.zeros(1, dtype=torch.int64, device=problem.device))
+        shape = Shape(self.features(row).shape[-1], 1, self.width, self.depth)
+        members = self.uncertainty.members
+        self._owner = torch.arange(problem.replicas, device=problem.device).repeat_interleave(members)
+        size = shape.numel(len(self._owner))
+        self.networks, self._gradient = (
+            Stack(shape, len(self._owner), torch.zeros(size, device=problem.device)) for _ in range(2)
+        )
+        self.networks.draw(side_by_side(problem.seeds, f"{self.name}/weights", members))
+        self._batches = side_by_side(problem.seeds, f"{self.name}/batches", members)
+        self._adam = Adam(self.networks.flat, self._gradient.flat, self.learning_rate)
+        self._tape = Tape(shape, len(self._owner), self.batch * padding(self.stride, problem.window), problem.device)
+        self._posterior = self.uncertainty.posterior(self.networks, problem, self.name)
+        self._mean = torch.zeros(problem.replicas, shape.inputs, device=problem.device)
+        self._scale = torch.ones_like(self._mean)
+        self._fits = 0
+
+    @torch.no_grad()
+    def fit(self, inputs: Tensor, trajectories: Trajectories) -> None:
+        """Some gradient steps on all trajectories so far.
+
+        Raises:
+            RunError: a weight is not finite.
+        """
+        if not len(trajectories):
+            return
+        if not self._fits:
+            self._standardise(inputs, trajectories.replica)
+        steps = every(trajectories, self.stride, self._problem.window)
+        rows = inputs[steps.rows].float()
+        rows = rows.sub_(self._mean[:, None, None]).mul_(self._scale[:, None, None])[self._owner]
+        shares, labels = (steps.weights / self._problem.window)[self._owner], trajectories.labels.float()[self._owner]
+        self._descend(rows, shares, labels, self.steps if self._fits else self.first_steps)
+        self._fits += 1
+        self._check()
+        self._posterior.fitted(rows, shares)
+
+    @torch.no_grad()
+    def predict(self, inputs: Tensor, moves: Moves) -> tuple[Tensor, Tensor]:
+        """Mean [N] and variance [N] of the pseudo-reward of rows, float32; in parts that stay in the cache."""
+        mean, variance = (inputs.new_empty(len(inputs), dtype=torch.float32) for _ in range(2))
+        horizon, size = self._problem.window, max(1, CACHED // (4 * self.width))
+        for replica in range(self._problem.replicas):
+            predictor = self._posterior.predictor(replica)
+            (own,) = (moves.replica == replica).nonzero(as_tuple=True)
+            for rows in own.split(size):
+                values = inputs[rows].float().sub_(self._mean[replica]).mul_(self._scale[replica])
+                mean[rows], variance[rows] = predictor(values)
+        return mean.div_(horizon), variance.div_(horizon**2)
+
+    def _standardise(self, inputs: Tensor, replica: Tensor) -> None:
+        """Mean zero and deviation one for what is there at the first fit; so it stays."""
+        for r in range(self._problem.replicas):
+            own = inputs[replica == r].double()
+            deviation = own.std(0, correction=0)
+            self._mean[r] = own.mean(0)
+            self._scale[r] = torch.where(deviation > TINY, deviation, 1.0).reciprocal()
+
+    @flushed()
+    def _descend(self, rows: Tensor, shares: Tensor, labels: Tensor, count: int) -> None:
+        """Gradient steps on inputs [M, K, P, d], of which each has a share [M, K, P] in the label [M, K]."""
+        members, trajectories, steps, size = rows.shape
+        uniform = np.stack([g.random((count, self.batch)) for g in self._batches])
+        first = trajectories * torch.arange(members, device=self._device).view(-1, 1, 1)
+        drawn = (balanced(labels, torch.from_numpy(uniform).to(self._device)) + first).unbind(1)
+        offset = self._posterior.offset(rows.view(members, -1, size))
+        rows, shares, labels = rows.view(-1, steps * size), shares.view(-1, steps), labels.flatten()
+        offset = None if offset is None else offset.reshape(-1, steps)
+        tape, networks = self._tape, self.networks
+        for batch in drawn:
+            chosen = batch.flatten()
+            torch.index_select(rows, 0, chosen, out=tape.input.view(-1, steps * size))
+            outputs = networks.forward(tape, self._posterior.masks(tape.input.shape[1])).view(-1, steps)
+            if offset is not None:
+                outputs = outputs + offset[chosen]
+            delta = gradient(outputs, shares[chosen], labels[chosen], self.sparsity)
+            networks.backward(tape, delta.div_(self.batch).view(members, -1, 1), self._gradient)
+            self._adam.step()
+
+    def _check(self) -> None:
+        """Raise RunError, with the model and its seeds, if a weight is not finite."""
+        if self.networks.flat.isfinite().all():
+            return
+        finite = torch.stack([block.flatten(1).isfinite().all(1) for block in self.networks.blocks]).all(0)
+        bad = sorted({self._problem.seeds[r] for r in self._owner[~finite].tolist()})
+        raise RunError(
+            f"reward model {self.name!r}: a weight of seed {', '.join(map(str, bad))} is not finite after fit "
+            f"{self._fits}; are labels and states finite? else try a smaller learning_rate"
+        )
+
+
+def gradient(outputs: Tensor, shares: Tensor, labels: Tensor, sparsity: float) -> Tensor:
+    """Of each trajectory's (Y − Σ_p w_p o_p)² + λ Σ_p w_p |o_p| (5), by the outputs o [B, P]; w are the shares."""
+    residual = (outputs * shares).sum(-1, keepdim=True) - labels.unsqueeze(-1)
+    return (2 * residual + sparsity * outputs.sign()).mul_(shares)

@@ -1,0 +1,269 @@
+"""The linear estimator on the identity map when there are many cells: conjugate gradient on those that were visited."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+import torch
+from scipy.sparse import csr_array
+from torch import Tensor
+from torch.nn.functional import embedding_bag
+
+from credit.core.cells import PAIRS, Axis, Cells
+from credit.core.state import Stateful
+from credit.core.tables import RidgeModel
+from credit.core.tensors import grown
+from credit.core.types import FLOAT, Credit, Estimate, Positive, PositiveInt, Problem, Windows
+
+TINY = 1e-30  # single precision's range ends at 1e-38
+PARTS = ("cells", "blocks", "squares", "index", "weights")  # of the state of a fit
+PASS = 1e-10  # how much smaller the energy of a residual becomes in one pass of single precision
+
+
+class TableModel(RidgeModel):
+    """Tabular ridge reference (4) for thousands of cells, batched over draws.
+
+    (XᵀWX + λI)θ = XᵀWY is solved after every `observe` by conjugate gradient with a Jacobi preconditioner, from the
+    last solution on. Only visited cells have unknowns (θ is 0 elsewhere), and X is kept as its T indices a window:
+    memory is O(K·(T + B) + visited cells·B) a replica. Replicas are solved one after the other.
+
+    Args:
+        name: the model's name in metrics, files and figures.
+        looks_at: the axes of the table.
+        credit: which steps of a window share its label: every one alike, or the last alone.
+        regularization: λ > 0.
+        tolerance: relative residual, in the norm of the preconditioner, at which a fit stops; 1e-2 goes stale.
+        iterations: most iterations a solve.
+    """
+
+    domain: ClassVar = "tabular"
+    keeps: ClassVar = ("_fits",)
+
+    def __init__(
+        self,
+        name: str = "ridge",
+        looks_at: Sequence[Axis] = PAIRS,
+        credit: Credit = "every_step",
+        regularization: Positive = 10.0,
+        tolerance: Positive = 1e-5,
+        iterations: PositiveInt = 200,
+    ) -> None:
+        self.name = name
+        self.looks_at = {*looks_at, "step"} if credit == "last_step" else looks_at
+        self.credit = credit
+        self.regularization = regularization
+        self.tolerance = tolerance
+        self.iterations = iterations
+
+    def start(self, problem: Problem, draws: int) -> None:
+        """No cell was visited."""
+        self._problem = problem
+        self._cells = Cells.over(self.looks_at, problem.window, problem.states, problem.actions)
+        self._own = self._cells.index(problem.cells.steps(problem.device))  # cell → the table's own
+        self._first = problem.window - 1 if self.credit == "last_step" else 0
+        sizes = self._cells.count, problem.window - self._first, 1 + draws
+        self._fits = [_Fit(*sizes, problem.device) for _ in problem.seeds]
+
+    def observe(self, windows: Windows, weights: Tensor) -> None:
+        """Add windows [R, K, T] with weights [R, K, 1+B] and solve."""
+        cells = self._cells.index(windows)[..., self._first :]
+        for fit, *new in zip(self._fits, cells, weights, windows.labels, strict=True):
+            fit.add(*new)
+            fit.solve(self.regularization, self.tolerance, self.iterations)
+
+    def refit(self, windows: Windows, weights: Tensor) -> None:
+        """Forget the windows and fit these; the last solution is the first guess."""
+        for fit in self._fits:
+            fit.forget()
+        self.observe(windows, weights)
+
+    def looks(self, problem: Problem) -> Tensor:
+        """All unvisited cells have 0, unless the table tells less apart than other models do."""
+        return self._own if self._cells != problem.cells else torch.zeros_like(self._own)
+
+    def estimate(self, cells: Tensor | None = None) -> Estimate:
+        """θ for some cells [R, n], or for all: the point fit and the B draws."""
+        own = self._own.expand(self._problem.replicas, -1) if cells is None else self._own[cells]
+        table = torch.stack([fit.predict(of_replica) for fit, of_replica in zip(self._fits, own, strict=True)])
+        return Estimate(table[:, 0], table[:, 1:])
+
+    def leverage(self) -> Tensor:
+        """1/(λ + Σ x²), the diagonal's lower bound on φᵀV⁻¹φ [R, N]: V⁻¹ itself is dense.
+
+        After 3,000 episodes of sepsis its root is within 2% of the exact width for half of the visited cells, and at
+        least .67 of it for 95%.
+        """
+        widths = self._problem.zeros(self._cells.count) + 1 / self.regularization
+        for row, fit in zip(widths, self._fits, strict=True):
+            row[fit.cells] = 1 / (self.regularization + fit.squares)
+        counts = self._cells.steps(self._problem.device).times >= self._first  # the reward before is 0 for sure
+        return (widths * counts)[:, self._own]
+
+
+class _Fit(Stateful):
+    """The windows of one replica and its 1 + B solutions; small enough to stay in the processor's cache."""
+
+    def __init__(self, cells: int, width: int, fits: int, device: torch.device) -> None:
+        self._column = torch.full((cells,), -1, device=device)  # cell → unknown
+        self.cells = torch.zeros(0, dtype=torch.int64, device=device)  # unknown → cell
+        # a row an unknown: θ, and sums over the windows, XᵀWY and XᵀW1 (close to the diagonal of XᵀWX)
+        self._blocks = torch.zeros(3, 256, fits, dtype=FLOAT, device=device)
+        self._squares = torch.zeros(1, 256, dtype=FLOAT, device=device)  # Σ x²
+        self._row: dict[tuple[int, ...], int] = {}  # windows with the same unknowns, in any order, share a row of X
+        self._index = torch.zeros(1, 256, width, dtype=torch.int64, device=device)
+        self._weights = torch.zeros(1, 256, fits, dtype=FLOAT, device=device)
+
+    def add(self, cells: Tensor, weights: Tensor, labels: Tensor) -> None:
+        """Append windows [K, T] with weights [K, 1+B] and labels [K]; cells seen for the first time become unknowns."""
+        fresh = torch.unique(cells[self._column[cells] < 0])
+        self._column[fresh] = torch.arange(len(self.cells), len(self.cells) + len(fresh), device=cells.device)
+        self.cells = torch.cat([self.cells, fresh])
+        if len(self.cells) > self._blocks.shape[1]:
+            self._blocks, self._squares = grown(self._blocks, len(self.cells)), grown(self._squares, len(self.cells))
+        index = self._column[cells]
+        rows = [self._row_of(window) for window in index.sort(-1).values.tolist()]
+        places = torch.tensor(rows, dtype=torch.int64, device=cells.device)
+        if self.rows > self._index.shape[1]:
+            self._index, self._weights = grown(self._index, self.rows), grown(self._weights, self.rows)
+        self._index[0, places] = index
+        self._weights[0].index_add_(0, places, weights)
+        shared = (index.unsqueeze(-1) == index.unsqueeze(-2)).sum(-1)  # a step's part of x²: how often its cell occurs
+        self.squares.index_add_(0, index.flatten(), shared.flatten().to(FLOAT))
+        _, target, visits = self._blocks
+        for column in index.T:
+            target.index_add_(0, column, weights * labels.unsqueeze(-1))
+            visits.index_add_(0, column, weights)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Unknowns, sums, and the rows of X."""
+        used, rows = len(self.cells), self.rows
+        parts = self.cells, *(x[:, :used] for x in (self._blocks, self._squares))
+        parts += tuple(x[:, :rows] for x in (self._index, self._weights))
+        return dict(zip(PARTS, (part.cpu().clone() for part in parts), strict=True))
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Hold these windows and no others."""
+        self.cells, blocks, squares, index, weights = (state[name].to(self._column.device) for name in PARTS)
+        used, rows = len(self.cells), index.shape[1]
+        self._column[self.cells] = torch.arange(used, device=self.cells.device)
+        self._blocks, self._squares = grown(self._blocks, used), grown(self._squares, used)
+        self._index, self._weights = grown(self._index, rows), grown(self._weights, rows)
+        self._blocks[:, :used], self._squares[:, :used] = blocks, squares
+        self._index[:, :rows], self._weights[:, :rows] = index, weights
+        self._row = {tuple(window): row for row, window in enumerate(index[0].sort(-1).values.tolist())}
+
+    @property
+    def theta(self) -> Tensor:
+        """The solutions [V, 1+B]."""
+        return self._blocks[0, : len(self.cells)]
+
+    @property
+    def squares(self) -> Tensor:
+        """Σ x² [V]."""
+        return self._squares[0, : len(self.cells)]
+
+    @property
+    def rows(self) -> int:
+        """The rows of X."""
+        return len(self._row)
+
+    def _row_of(self, window: list[int]) -> int:
+        return self._row.setdefault(tuple(window), len(self._row))
+
+    def predict(self, cells: Tensor) -> Tensor:
+        """θ of some cells [F, n], 0 where a cell is no unknown."""
+        padded = torch.nn.functional.pad(self.theta.T, (0, 1))  # column −1 is 0
+        return padded[:, self._column[cells]]
+
+    def forget(self) -> None:
+        """Drop the windows; the solution stays as a first guess."""
+        self._row.clear()
+        for block in (self._weights, self._blocks[1:], self._squares):
+            block.zero_()
+
+    def solve(self, regularization: float, tolerance: float, iterations: int) -> None:
+        """Preconditioned conjugate gradient for all fits at once, until the slowest has converged.
+
+        Residuals are taken in double precision, and the correction that removes one is found in single, in half the
+        time; a tolerance that single precision cannot reach in one pass takes another.
+        """
+        theta, target, visits = self._blocks[:, : len(self.cells)]
+        design = Design(self._index[0, : self.rows], len(self.cells))
+        weights = self._weights[0, : self.rows]
+        inverse = (visits + regularization).reciprocal_()
+        enough = tolerance**2 * (target.square() * inverse).sum(0)
+        single = Normal(design, weights.float(), regularization)
+        double = Normal(design, weights, regularization)
+        while iterations > 0:
+            residual = target - double(theta)
+            energy = (residual.square() * inverse).sum(0)
+            goal = torch.maximum(enough, PASS * energy)
+            correction, taken = single.solve(residual.float(), inverse.float(), goal.float(), iterations)
+            theta += correction
+            iterations -= max(taken, 1)
+            if torch.equal(goal, enough):
+                break
+
+
+class Normal:
+    """V = XᵀWX + λI, for vectors [V, F] with weights [rows, F] of their own."""
+
+    def __init__(self, design: Design, weights: Tensor, regularization: float) -> None:
+        self._design, self._weights, self._regularization = design, weights, regularization
+
+    def __call__(self, vectors: Tensor) -> Tensor:
+        """V @ v."""
+        fitted = self._design(vectors).mul_(self._weights)
+        return self._design.transposed(fitted).add_(vectors, alpha=self._regularization)
+
+    def solve(self, residual: Tensor, inverse: Tensor, goal: Tensor, iterations: int) -> tuple[Tensor, int]:
+        """x with V x = r, and the iterations it took; stops where rᵀM⁻¹r is below the goal [F], M⁻¹ = `inverse`."""
+        solution = torch.zeros_like(residual)
+        step = residual * inverse
+        energy = (residual * step).sum(0)
+        for taken in range(iterations):
+            if not (energy > goal).any():
+                return solution, taken
+            image = self(step)
+            length = energy / (step * image).sum(0).clamp_(min=TINY)  # 0 where a fit is solved to the last bit
+            solution.addcmul_(length, step)
+            residual.addcmul_(length, image, value=-1)
+            scaled = residual * inverse
+            following = (residual * scaled).sum(0)
+            step.mul_(following / energy.clamp_(min=TINY)).add_(scaled)
+            energy = following
+        return solution, iterations
+
+
+class Design:
+    """X as T column indices a window: X @ v and Xᵀ @ z for v [V, F], z [rows, F]."""
+
+    def __init__(self, index: Tensor, columns: int) -> None:
+        rows, width = index.shape
+        self._sparse: csr_array | None = None
+        if index.device.type == "cpu":  # in double precision SciPy is several times faster here than torch
+            cells = (np.ones(index.numel()), index.flatten().numpy(), np.arange(0, rows * width + 1, width))
+            self._sparse = csr_array(cells, shape=(rows, columns))
+            self._sparse_transposed = self._sparse.tocsc().T
+            held, starts = self._sparse_transposed.indices, self._sparse_transposed.indptr
+            self._held, self._starts = torch.from_numpy(held), torch.from_numpy(starts[:-1])
+        else:
+            self._held = index.flatten().argsort(stable=True) // width
+            counts = torch.bincount(index.flatten(), minlength=columns)
+            self._starts = counts.cumsum(0) - counts
+        self._index = index.flatten().to(self._held.dtype)
+        self._bags = torch.arange(0, rows * width, width, dtype=self._held.dtype, device=index.device)
+
+    def __call__(self, vectors: Tensor) -> Tensor:
+        """X @ v."""
+        if self._sparse is not None and vectors.dtype == FLOAT:
+            return torch.from_numpy(self._sparse @ vectors.numpy())
+        return embedding_bag(self._index, vectors, self._bags, mode="sum")
+
+    def transposed(self, vectors: Tensor) -> Tensor:
+        """Xᵀ @ z."""
+        if self._sparse is not None and vectors.dtype == FLOAT:
+            return torch.from_numpy(self._sparse_transposed @ vectors.numpy())
+        return embedding_bag(self._held, vectors, self._starts, mode="sum")

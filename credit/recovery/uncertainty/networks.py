@@ -1,0 +1,223 @@
+"""How far a neural reward model can be trusted: dropped units, several networks, or the last layer's posterior."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Annotated, ClassVar
+
+import numpy as np
+import torch
+from annotated_types import Interval
+from torch import Tensor
+
+from credit.core.continuous import NetworkUncertainty, Posterior
+from credit.core.streams import generators
+from credit.core.trajectories import ContinuousProblem
+from credit.core.types import Positive
+from credit.networks.stack import Layer, Stack
+from credit.recovery.models.batches import side_by_side
+
+Predictor = Callable[[Tensor], tuple[Tensor, Tensor]]
+LEVELS = 2**16  # of a random number that decides whether a unit is kept: two bytes are drawn twice as fast as a float
+
+
+class Dropout(NetworkUncertainty):
+    """MC dropout, as in the paper (4.1): mean and variance over some passes, each with other units dropped.
+
+    A pass is one thinned network for all rows, drawn anew after every fit. That has the same mean and variance as
+    masks of their own for every row, without the cost of drawing those; and a pass is a function of the state.
+    What is kept is not scaled up: networks are trained with dropped units, and predict with dropped units.
+
+    Args:
+        passes: thinned networks a prediction.
+        rate: probability that a hidden unit is dropped, in training and in prediction.
+    """
+
+    def __init__(
+        self,
+        passes: Annotated[int, Interval(ge=2)] = 8,
+        rate: Annotated[float, Interval(gt=0, lt=1)] = 0.1,
+    ) -> None:
+        self.passes, self.rate = passes, rate
+
+    def posterior(self, networks: Stack, problem: ContinuousProblem, name: str) -> Posterior:
+        """Thinned networks of a model."""
+        return Thinned(networks, problem, name, self.passes, self.rate)
+
+
+class Ensemble(NetworkUncertainty):
+    """Networks that differ in their first weights, their batches and a random prior function each (Osband 2018).
+
+    A network is trained so that its output *and* that of a second one, whose random weights stay as they are, fit the
+    labels together: where there are no labels the sums differ as the priors do.
+
+    Args:
+        members: networks a model and replica. Their cost grows with them.
+        prior_scale: factor of the second network's output; an output of 1 at all H steps is a label of 1.
+    """
+
+    def __init__(self, members: Annotated[int, Interval(ge=2)] = 5, prior_scale: Positive = 3.0) -> None:
+        self.members, self.prior_scale = members, prior_scale
+
+    def posterior(self, networks: Stack, problem: ContinuousProblem, name: str) -> Posterior:
+        """Networks with prior functions."""
+        return WithPriors(networks, problem, name, self.members, self.prior_scale)
+
+
+class LastLayer(NetworkUncertainty):
+    """The posterior of ridge regression on the last hidden layer: φᵀΣφ with Σ = (ΦᵀΦ/σ² + I/α)⁻¹.
+
+    φ are a step's last hidden units and a 1, Φ_i their sum over a trajectory as the label sees it. The neural form of
+    the tabular reference's variance, for one network a model.
+
+    Args:
+        noise: σ, deviation of a label from the sum of rewards.
+        prior_variance: α, of a weight of the last layer.
+    """
+
+    def __init__(self, noise: Positive = 0.3, prior_variance: Positive = 1.0) -> None:
+        self.noise, self.prior_variance = noise, prior_variance
+
+    def posterior(self, networks: Stack, problem: ContinuousProblem, name: str) -> Posterior:
+        """Last layers of a model's networks."""
+        return LastLayers(networks, self.noise, self.prior_variance)
+
+
+class Thinned(Posterior):
+    """Networks of which every hidden unit is dropped with some probability."""
+
+    keeps: ClassVar = ("_training", "_prediction", "_kept")
+
+    def __init__(self, networks: Stack, problem: ContinuousProblem, name: str, passes: int, rate: float) -> None:
+        self._networks, self._passes, self._rate = networks, passes, rate
+        self._training = generators(problem.seeds, f"{name}/dropout in training")
+        self._prediction = generators(problem.seeds, f"{name}/dropout in prediction")
+        self._thin()
+
+    def masks(self, rows: int) -> Sequence[Tensor]:
+        """Fresh masks for every row."""
+        shape, device = (self._networks.shape.depth, rows, self._networks.shape.width), self._networks.flat.device
+        drawn = [_kept(g, shape, self._rate) for g in self._training]
+        return torch.from_numpy(np.stack(drawn, 1)).to(device).unbind()
+
+    def fitted(self, inputs: Tensor, shares: Tensor) -> None:
+        """Thin the networks anew: until the next fit, whoever looks sees the same."""
+        self._thin()
+
+    def predictor(self, replica: int) -> Predictor:
+        """Mean and variance over thinned networks, which share the work of the first layer."""
+        layers = member(self._networks, replica)
+        passes = [
+            [Layer(layer.weight * mask, *layer[1:]) for layer, mask in zip(layers[1:], masks, strict=True)]
+            for masks in self._kept[replica]
+        ]
+
+        def predict(rows: Tensor) -> tuple[Tensor, Tensor]:
+            first = hidden(rows, layers[:1])
+            return moments(torch.stack([output(hidden(first, rest[:-1]), rest[-1]) for rest in passes]))
+
+        return predict
+
+    def _thin(self) -> None:
+        """What each pass keeps of each replica's hidden layers, [R, passes, depth, width]."""
+        shape = (self._passes, self._networks.shape.depth, self._networks.shape.width)
+        drawn = np.stack([_kept(g, shape, self._rate) for g in self._prediction])
+        self._kept = torch.from_numpy(drawn).to(self._networks.flat.device)
+
+
+class WithPriors(Posterior):
+    """Networks that each have a prior function beside them."""
+
+    keeps: ClassVar = ()
+
+    def __init__(self, networks: Stack, problem: ContinuousProblem, name: str, members: int, scale: float) -> None:
+        self._networks, self._members, self._scale = networks, members, scale
+        self._priors = Stack(networks.shape, networks.members, torch.zeros_like(networks.flat))
+        self._priors.draw(side_by_side(problem.seeds, f"{name}/prior", members))
+
+    def offset(self, inputs: Tensor) -> Tensor:
+        """The prior functions [M, rows]."""
+        return torch.stack([self._prior(m, rows) for m, rows in enumerate(inputs)])
+
+    def predictor(self, replica: int) -> Predictor:
+        """Mean and variance over the members."""
+        own = range(replica * self._members, (replica + 1) * self._members)
+
+        def predict(rows: Tensor) -> tuple[Tensor, Tensor]:
+            return moments(torch.stack([whole(rows, member(self._networks, m)) + self._prior(m, rows) for m in own]))
+
+        return predict
+
+    def _prior(self, m: int, rows: Tensor) -> Tensor:
+        return self._scale * whole(rows, member(self._priors, m))
+
+
+class LastLayers(Posterior):
+    """Networks whose last layer has a Gaussian posterior around its weights."""
+
+    keeps: ClassVar = ("_precision",)
+
+    def __init__(self, networks: Stack, noise: float, prior_variance: float) -> None:
+        self._networks, self._noise, self._prior = networks, noise, prior_variance
+        size = networks.shape.width + 1
+        eye = torch.eye(size, dtype=torch.float64, device=networks.flat.device)
+        self._precision = (eye / prior_variance).repeat(networks.members, 1, 1)
+
+    def fitted(self, inputs: Tensor, shares: Tensor) -> None:
+        """Σ⁻¹ from the summed units of all trajectories."""
+        for m, (rows, share) in enumerate(zip(inputs, shares, strict=True)):
+            units = _with_one(hidden(rows.flatten(0, 1), member(self._networks, m)[:-1])).view(*share.shape, -1)
+            sums = (units * share.unsqueeze(-1)).sum(1).double()
+            eye = torch.eye(sums.shape[1], dtype=sums.dtype, device=sums.device)
+            self._precision[m] = sums.T @ sums / self._noise**2 + eye / self._prior
+
+    def predictor(self, replica: int) -> Predictor:
+        """The network's output, and φᵀΣφ = |L⁻¹φ|² where LLᵀ = Σ⁻¹."""
+        layers = member(self._networks, replica)
+        factor = torch.linalg.cholesky(self._precision[replica])
+        eye = torch.eye(len(factor), dtype=factor.dtype, device=factor.device)
+        inverse = torch.linalg.solve_triangular(factor, eye, upper=False).T.float()
+
+        def predict(rows: Tensor) -> tuple[Tensor, Tensor]:
+            units = hidden(rows, layers[:-1])
+            return output(units, layers[-1]), (_with_one(units) @ inverse).square_().sum(-1)
+
+        return predict
+
+
+def member(networks: Stack, m: int) -> list[Layer]:
+    """The layers of one network: weight [out, in], bias [out]."""
+    return [Layer(layer.weight[m], layer.bias[m, 0], None, None) for layer in networks.layers]
+
+
+def hidden(rows: Tensor, layers: Sequence[Layer]) -> Tensor:
+    """The last of some hidden layers [n, width] over rows [n, in]."""
+    for layer in layers:
+        rows = torch.addmm(layer.bias, rows, layer.weight.T).relu_()
+    return rows
+
+
+def output(units: Tensor, layer: Layer) -> Tensor:
+    """The output [n] of the last layer over its units [n, width]."""
+    return torch.addmv(layer.bias, units, layer.weight[0])
+
+
+def whole(rows: Tensor, layers: Sequence[Layer]) -> Tensor:
+    """Outputs [n] of a network for rows [n, d]."""
+    return output(hidden(rows, layers[:-1]), layers[-1])
+
+
+def moments(values: Tensor) -> tuple[Tensor, Tensor]:
+    """Mean and variance [n] over the first dimension [B, n]."""
+    mean = values.mean(0)
+    return mean, (values - mean).square_().mean(0)
+
+
+def _kept(generator: np.random.Generator, shape: tuple[int, ...], rate: float) -> np.ndarray:
+    """Ones where a unit is kept, zeros where it is dropped, float32."""
+    drawn = generator.integers(LEVELS, size=shape, dtype=np.uint16)
+    return (drawn >= round(rate * LEVELS)).astype(np.float32)
+
+
+def _with_one(units: Tensor) -> Tensor:
+    return torch.nn.functional.pad(units, (0, 1), value=1.0)

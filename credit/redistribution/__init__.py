@@ -1,1 +1,0 @@
-"""Rules that turn a label into per-step rewards without a model of r(s, a)."""

@@ -1,1 +1,0 @@
-"""Two estimators, many feature maps."""

@@ -1,0 +1,1 @@
+"""Published ways to assign credit, a file each."""

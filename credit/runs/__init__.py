@@ -1,0 +1,1 @@
+"""One job: its folders, its checkpoints, its journal, its session."""

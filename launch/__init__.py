@@ -1,1 +1,0 @@
-"""What a user types. Each command is a thin module with `main(argv) -> exit code`."""

@@ -1,0 +1,164 @@
+"""The learner: replicas, streams and states to the last bit; and that it learns."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import torch
+from tensordict import TensorDict
+from torch import Tensor
+
+from credit.agents.sac.learner import Learner
+from credit.core.errors import RunError, UserError
+from credit.data.trajectory_replay import Replay
+from credit.networks.stack import Stack
+
+Make = Callable[..., tuple[Learner, Replay]]
+RECIPES: list[dict[str, Any]] = [
+    {"batch": 37, "width": 18, "success_share": 0.5},
+    {"layer_norm": False, "policy_delay": 1, "n_step": 1, "success_share": 0.0, "target_clip": False},
+]
+
+
+def members(stack: Stack, first: int, count: int) -> list[Tensor]:
+    """The weights of some members."""
+    return [block[first : first + count] for block in stack.blocks]
+
+
+def same(a: list[Tensor], b: list[Tensor]) -> bool:
+    return all(torch.equal(x, y) for x, y in zip(a, b, strict=True))
+
+
+@pytest.mark.parametrize("recipe", RECIPES)
+def test_a_replica_alone_equals_the_replica_in_a_batch(make_learner: Make, recipe: dict[str, Any]) -> None:
+    together, replay = make_learner((0, 1, 2, 3), **recipe)
+    values = together.fit(replay, 34)
+    for r in (0, 2, 3):
+        alone, own = make_learner((r,), **recipe)
+        found = alone.fit(own, 34)
+        assert same(members(together.actor, r, 1), alone.actor.blocks)
+        assert same(members(together.average, r, 1), alone.average.blocks)
+        assert same(members(together.critic, 2 * r, 2), alone.critic.blocks)
+        assert same(members(together.target, 2 * r, 2), alone.target.blocks)
+        assert torch.equal(together.log_alpha[r], alone.log_alpha[0])
+        assert all(torch.equal(values[key][r], found[key][0]) for key in values)
+
+
+def test_seeds_and_purposes_differ(make_learner: Make) -> None:
+    sac, _ = make_learner((0, 1))
+    again, _ = make_learner((1,))
+    weights = [sac.critic.layers[1].weight[j] for j in range(4)]
+    assert not any(torch.equal(weights[i], weights[j]) for i in range(4) for j in range(i))
+    assert torch.equal(again.critic.layers[1].weight, torch.stack(weights[2:]))
+    bound = 1 / 16**0.5
+    assert all(weight.abs().max() <= bound for weight in weights)
+    assert torch.stack(weights).std() == pytest.approx(bound / 3**0.5, rel=0.1)
+
+
+def test_two_runs_of_a_seed_are_equal_to_the_last_bit(make_learner: Make) -> None:
+    finals = []
+    for _ in range(2):
+        sac, replay = make_learner((5,), width=32, batch=32)
+        sac.fit(replay, 50)
+        finals.append([sac.actor.flat, sac.critic.flat, sac.target.flat, sac.average.flat, sac.log_alpha])
+    assert same(*finals)
+
+
+def test_a_state_continues_bit_for_bit(make_learner: Make) -> None:
+    sac, replay = make_learner((0, 1))
+    requests = TensorDict({"observation": torch.randn(6, 4)}, [6])
+    policy = sac.policy(copies=3, horizon=4)
+    sac.fit(replay, 35)
+    policy(requests)
+    policy.restart()
+    file = io.BytesIO()
+    torch.save({"sac": sac.state_dict(), "replay": replay.state_dict()}, file)
+    sac.fit(replay, 35)
+    file.seek(0)
+    state = torch.load(file, weights_only=True)  # tensors and plain data only
+    other = Learner(width=16, batch=8, n_step=3)
+    other.make(4, 2, (0, 1))
+    refilled = other.replay(capacity=1000)
+    other.load_state_dict(state["sac"])
+    refilled.load_state_dict(state["replay"])
+    other.fit(refilled, 35)
+    assert same(
+        [sac.actor.flat, sac.average.flat, sac.log_alpha], [other.actor.flat, other.average.flat, other.log_alpha]
+    )
+    assert same([sac.critic.flat, sac.target.flat], [other.critic.flat, other.target.flat])
+    continued = other.policy(copies=3, horizon=4)
+    assert torch.equal(policy(requests)["action"].clone(), continued(requests)["action"])
+
+
+def test_delay_targets_and_average(make_learner: Make) -> None:
+    sac, replay = make_learner((0,), policy_delay=3, target_rate=0.25, average_rate=0.5)
+    batches = replay.sample(8, 3)
+    for number, batch in enumerate(batches, start=1):
+        actor, target, average = sac.actor.flat.clone(), sac.target.flat.clone(), sac.average.flat.clone()
+        sac.update(batch, torch.randn(2, 1, 8, 2))
+        torch.testing.assert_close(sac.target.flat, target + 0.25 * (sac.critic.flat - target))
+        torch.testing.assert_close(sac.average.flat, average + 0.5 * (sac.actor.flat - average))
+        assert torch.equal(sac.actor.flat, actor) == (number < 3)
+
+
+def test_the_temperature_moves_towards_the_target_entropy_unless_it_is_fixed(make_learner: Make) -> None:
+    keys = {"policy_delay": 1, "temperature": 0.3}
+    for target, sign in ((-20.0, -1), (20.0, 1)):
+        sac, replay = make_learner((0,), target_entropy=target, **keys)
+        values = sac.fit(replay, 5)
+        assert sign * (values["temperature"].item() - 0.3) > 0
+    fixed, replay = make_learner((0,), adapt_temperature=False, **keys)
+    assert fixed.fit(replay, 5)["temperature"].item() == pytest.approx(0.3)
+
+
+def test_it_learns_a_bandit() -> None:
+    """r = −|a − (.5, −.25)|² ends at once: the mean action moves there."""
+    sac = Learner(
+        width=32, batch=32, learning_rate=3e-3, policy_delay=1, n_step=1, target_entropy=-6.0, success_share=0.0
+    )
+    sac.make(1, 2, (0,))
+    replay = sac.replay(500)
+    n = 500
+    actions = torch.rand(n, 2, generator=torch.Generator().manual_seed(0)) * 2 - 1
+    yes, no = torch.ones(n, 1, dtype=torch.bool), torch.zeros(n, 1, dtype=torch.bool)
+    reward = -(actions - torch.tensor([0.5, -0.25])).square().sum(-1, keepdim=True)
+    state = torch.zeros(n, 1)
+    ends = {"reward": reward, "done": yes, "success": yes, "terminated": yes, "truncated": no}
+    following = {"observation": state, **ends}
+    rows = {"observation": state, "action": actions, "collector": {"traj_ids": torch.arange(n)}, "next": following}
+    replay.extend(TensorDict(rows, [n]), torch.zeros(n, dtype=torch.int64))
+    sac.fit(replay, 400)
+    mean = sac.policy(1, 1)(TensorDict({"observation": state[:1]}, [1]))["action"][0]
+    assert mean.tolist() == pytest.approx([0.5, -0.25], abs=0.15)
+
+
+def test_how_many_updates_a_round_takes() -> None:
+    fixed = Learner(updates=7, first_updates=20)
+    assert [fixed.round_updates(first, [100, 30]) for first in (True, False)] == [20, 7]
+    ratio = Learner(update_ratio=0.5)
+    assert ratio.round_updates(True, [101, 101]) == 50
+    with pytest.raises(UserError, match=r"\[30, 100\] new transitions"):
+        ratio.round_updates(False, [100, 30])
+
+
+def test_a_weight_that_is_not_finite_stops_the_run(make_learner: Make) -> None:
+    sac, replay = make_learner((3, 4))
+    rewards = torch.zeros(len(replay))
+    rewards[replay.rows["replica"][:, 0] == 1] = torch.nan
+    replay.relabel(rewards)
+    with pytest.raises(
+        RunError, match=r"critic of seed 4 is not finite after 20 updates|actor of seed 4 is not finite"
+    ):
+        sac.fit(replay, 20)
+
+
+@pytest.mark.slow
+def test_compiled_updates_are_the_same_updates(make_learner: Make) -> None:
+    (eager, replay), (compiled, other) = (make_learner((0, 1), compile=value, **RECIPES[0]) for value in (False, True))
+    eager.fit(replay, 6)
+    compiled.fit(other, 6)
+    torch.testing.assert_close(compiled.actor.flat, eager.actor.flat, rtol=1e-3, atol=1e-5)
+    torch.testing.assert_close(compiled.critic.flat, eager.critic.flat, rtol=1e-3, atol=1e-5)

@@ -1,0 +1,306 @@
+"""Deep Q-learning against networks, gradients and Adam written out in NumPy, one replica and one step at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from credit.agents.dqn import DQN, targets
+from credit.core.dataset import Dataset
+from credit.core.errors import UserError
+from credit.core.interfaces import CreditAssigner, FeatureMap
+from credit.core.streams import generators
+from credit.core.tables import RewardFunction
+from credit.core.types import FLOAT, Problem, Recovery, Steps, Windows
+from credit.networks.perceptron import ReplicaLinear
+from credit.rivals.rules import Delayed, Uniform
+
+Make = Callable[..., Problem]
+MakeWindows = Callable[..., Windows]
+STATES, ACTIONS, WINDOW = 6, 3, 4
+SMALL: dict[str, Any] = {"hidden": (7, 5), "batch": 9, "learning_rate": 0.01}
+
+
+class OneHot(FeatureMap):
+    """The state alone, one-hot."""
+
+    def start(self, problem: Problem) -> None:
+        self._states = problem.states
+
+    def __call__(self, steps: Steps) -> torch.Tensor:
+        return torch.nn.functional.one_hot(steps.states, self._states).to(FLOAT)
+
+
+class Changing(RewardFunction):
+    """An assigner that believes in another table [S·A] after every refit."""
+
+    def start(self, problem: Problem) -> None:
+        self._actions, self._count, self._size = problem.actions, 0, problem.pairs
+
+    def observe(self, dataset: Dataset) -> None:
+        self._count += 1
+
+    def recovery(self) -> Recovery:
+        raise NotImplementedError
+
+    def rewards(self, windows: Windows) -> torch.Tensor:
+        return windows.pairs(self._actions).to(FLOAT) * self._count
+
+
+@pytest.fixture
+def problem(make_problem: Make) -> Problem:
+    return make_problem((3, 8, 5), states=STATES, actions=ACTIONS, window=WINDOW)
+
+
+def learned(problem: Problem, learner: DQN, pieces: list[Windows], rule: CreditAssigner) -> DQN:
+    dataset = Dataset(problem, 1)
+    learner.start(problem)
+    rule.start(problem)
+    for piece in pieces:
+        dataset.append(piece)
+        rule.observe(dataset)
+        learner.improve(dataset, rule)
+    return learner
+
+
+def layers(learner: DQN, replica: int) -> list[np.ndarray]:
+    """Weights and biases of one replica, in order."""
+    linear = [layer for layer in learner._online if isinstance(layer, ReplicaLinear)]
+    parameters = [parameter for layer in linear for parameter in (layer.weight, layer.bias)]
+    return [p.detach()[replica].double().numpy() for p in parameters]
+
+
+def forward(net: list[np.ndarray], values: np.ndarray) -> list[np.ndarray]:
+    """Input and output of every layer."""
+    found = [values]
+    for weight, bias in zip(net[::2], net[1::2], strict=True):
+        values = values @ weight + bias
+        found.append(values if weight is net[-2] else np.maximum(values, 0))
+        values = found[-1]
+    return found
+
+
+def moment(state: int, step: int) -> np.ndarray:
+    return np.concatenate([np.eye(STATES)[state], np.eye(WINDOW)[step]])
+
+
+class Plain:
+    """The same learner for one seed: lists, loops and the chain rule."""
+
+    def __init__(self, learner: DQN, net: list[np.ndarray], seed: int) -> None:
+        self.keys, self.net, self.old = learner, net, [p.copy() for p in net]
+        self.mean, self.square = [np.zeros_like(p) for p in net], [np.zeros_like(p) for p in net]
+        self.memory: list[tuple[int, int, int, int, float, float]] = []
+        self.stream = generators((seed,), "replay")[0]
+        self.steps = 0
+
+    def remember(self, states: Any, actions: Any, arrivals: Any, rewards: Any) -> None:
+        for t in range(WINDOW):
+            outcome = sum(self.keys.discount ** (k - t) * rewards[k] for k in range(t, WINDOW))
+            self.memory.append((t, states[t], actions[t], arrivals[t], rewards[t], outcome))
+
+    def goal(self, t: int, arrival: int, reward: float, outcome: float) -> float:
+        ahead = 0.0
+        if t + 1 < WINDOW:
+            values = forward(self.old, moment(arrival, t + 1))[-1][0]
+            chosen = forward(self.net, moment(arrival, t + 1))[-1][0] if self.keys.double else values
+            ahead = values[chosen.argmax()]
+        share = self.keys.monte_carlo
+        return (1 - share) * (reward + self.keys.discount * ahead) + share * outcome
+
+    def fit(self) -> None:
+        drawn = [self.memory[int(u * len(self.memory))] for u in self.stream.random(self.keys.batch)]
+        gradient = [np.zeros_like(p) for p in self.net]
+        for t, state, action, arrival, reward, outcome in drawn:
+            passed = forward(self.net, moment(state, t)[None])
+            error = passed[-1][0, action] - self.goal(t, arrival, reward, outcome)
+            slope = np.zeros_like(passed[-1])
+            slope[0, action] = (2 * error if self.keys.loss == "l2" else np.clip(error, -1, 1)) / len(drawn)
+            for layer in reversed(range(len(self.net) // 2)):
+                gradient[2 * layer] += passed[layer].T @ slope
+                gradient[2 * layer + 1] += slope
+                slope = slope @ self.net[2 * layer].T * (passed[layer] > 0)
+        self.steps += 1
+        for p, g, m, v in zip(self.net, gradient, self.mean, self.square, strict=True):
+            m += 0.1 * (g - m)
+            v += 0.001 * (g * g - v)
+            corrected = m / (1 - 0.9**self.steps), v / (1 - 0.999**self.steps)
+            p -= self.keys.learning_rate * corrected[0] / (np.sqrt(corrected[1]) + 1e-8)
+        if self.steps % self.keys.target_sync == 0:
+            self.old = [p.copy() for p in self.net]
+
+
+@pytest.mark.parametrize(
+    ("spread", "keys"),
+    [
+        ("delayed", {}),
+        ("delayed", {"double": False}),
+        ("delayed", {"monte_carlo": 0.5, "loss": "smooth_l1"}),
+        ("uniform", {"discount": 0.8, "monte_carlo": 0.25}),
+        ("uniform", {"hidden": (), "target_sync": 1}),
+    ],
+    ids=str,
+)
+def test_learning_equals_plain_loops(
+    problem: Problem, make_windows: MakeWindows, spread: str, keys: dict[str, Any]
+) -> None:
+    rule: CreditAssigner = {"delayed": Delayed, "uniform": Uniform}[spread]()
+    keys = {**SMALL, "updates": 3, "target_sync": 5, **keys}
+    learner = DQN(OneHot(), **keys)
+    learner.start(problem)
+    before = [layers(learner, replica) for replica in range(3)]
+    pieces = [make_windows(problem, count, seed=count) for count in (1, 4, 2)]
+    learned(problem, learner, pieces, rule)
+    for replica, seed in enumerate(problem.seeds):
+        plain = Plain(learner, before[replica], seed)
+        for piece in pieces:
+            rewards = rule.rewards(piece)[replica].tolist()
+            for k in range(piece.labels.shape[1]):
+                parts = (piece.states, piece.actions, piece.next_states)
+                plain.remember(*(part[replica, k].tolist() for part in parts), rewards[k])
+            for _ in range(3 * piece.labels.shape[1]):
+                plain.fit()
+        assert plain.steps == 21
+        for found, expected in zip(layers(learner, replica), plain.net, strict=True):
+            np.testing.assert_allclose(found, expected, atol=2e-5)
+        moments = [[forward(plain.net, moment(s, t))[-1][0].argmax() for s in range(STATES)] for t in range(WINDOW)]
+        assert learner.policies()["greedy"][replica].tolist() == moments
+
+
+def test_targets_by_hand() -> None:
+    # r + γ·ahead = 1 + .5·2 = 2 and 3 + .5·0 = 3; G = 4 and 3: three quarters of the one, a quarter of the other.
+    parts = (torch.tensor(part).double() for part in ([1.0, 3.0], [2.0, 0.0], [4.0, 3.0]))
+    assert targets(*parts, discount=0.5, monte_carlo=0.25).tolist() == [2.5, 3.0]
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [{}, {"hidden": (17, 5), "batch": 13}, {"hidden": (64, 1), "batch": 16}, {"hidden": (), "batch": 1}],
+    ids=str,
+)
+def test_a_replica_is_the_same_alone_and_in_a_batch(
+    make_problem: Make, make_windows: MakeWindows, keys: dict[str, Any]
+) -> None:
+    problem = make_problem(range(7), states=STATES, actions=ACTIONS, window=WINDOW)
+    windows = make_windows(problem, 12)
+
+    def run(replicas: slice) -> list[torch.Tensor]:
+        part = make_problem(problem.seeds[replicas], states=STATES, actions=ACTIONS, window=WINDOW)
+        columns = (windows.states, windows.actions, windows.next_states, windows.labels)
+        mine = Windows(*(column[replicas] for column in columns))
+        learner = learned(part, DQN(OneHot(), updates=4, learning_rate=0.01, **keys), [mine, mine], Delayed())
+        states = torch.arange(7)[replicas] % STATES
+        acts = torch.stack([learner.act(states, step) for step in range(WINDOW)], dim=1)
+        return [*learner._online.parameters(), learner.executed(), acts]
+
+    together = run(slice(None))
+    for replicas in (slice(0, 1), slice(6, 7), slice(2, 4), slice(1, 6)):
+        assert all(torch.equal(a, b[replicas]) for a, b in zip(run(replicas), together, strict=True))
+    assert not torch.equal(together[0][0], together[0][1])
+
+
+def test_random_numbers_come_from_streams_alone(problem: Problem, make_windows: MakeWindows) -> None:
+    state = torch.get_rng_state()
+    learner = learned(problem, DQN(OneHot(), **SMALL), [make_windows(problem, 2)], Delayed())
+    learner.act(torch.zeros(3, dtype=torch.int64), 0)
+    assert torch.equal(torch.get_rng_state(), state)
+
+
+def test_initial_weights_are_uniform_and_differ_from_layer_to_layer(make_problem: Make) -> None:
+    learner = DQN(OneHot(), hidden=(64, 64))
+    learner.start(make_problem((1, 2), states=20, actions=8, window=5))
+    for replica in range(2):
+        net = layers(learner, replica)
+        scaled = [weight * len(weight) ** 0.5 for weight in net[::2]]
+        for weight in scaled:
+            assert 0.97 < np.abs(weight).max() <= 1
+            assert abs(weight.std() - 3**-0.5) < 5 * 0.27 / weight.size**0.5
+        assert np.isin(scaled[0].round(5), scaled[1].round(5)).mean() < 0.1  # by chance alone 2%
+        assert np.abs(net[1]).max() <= 25**-0.5
+        assert np.abs(net[3]).max() <= 64**-0.5
+
+
+@pytest.mark.parametrize("capacity", [20, 5])
+def test_recovered_rewards_are_replaced_wherever_they_are_stored(
+    problem: Problem, make_windows: MakeWindows, capacity: int
+) -> None:
+    pieces = [make_windows(problem, count, seed=count) for count in (3, 4, 2)]
+    learner = learned(problem, DQN(OneHot(), capacity=capacity, **SMALL), pieces, Changing())
+    for replica in range(3):
+        stored = learner._replay.buffer[:][:, replica]
+        belief = (stored["moment"] % STATES * ACTIONS + stored["action"]).double() * 3  # three refits
+        assert torch.equal(stored["reward"], belief)
+        assert torch.equal(stored["outcome"], belief.flip(-1).cumsum(-1).flip(-1))
+        pairs = torch.cat([piece.pairs(ACTIONS)[replica] for piece in pieces])[-capacity:]
+        found = stored["moment"] % STATES * ACTIONS + stored["action"]
+        assert sorted(found.tolist()) == sorted(pairs.tolist())
+
+
+def test_it_learns_a_chain_to_optimality(make_problem: Make) -> None:
+    # Action 1 climbs, action 0 falls to the bottom. The top is worth 1 and is reached by climbing always; the bottom is
+    # worth .3. Whoever cannot reach the top any more does best to end at the bottom.
+    problem = make_problem(range(4), states=4, actions=2, window=3)
+    actions = torch.tensor([[k >> t & 1 for t in range(3)] for k in range(8)]).repeat(4, 5, 1)
+    states, now = [], torch.zeros(4, 40, dtype=torch.int64)
+    for t in range(3):
+        states.append(now)
+        now = torch.where(actions[..., t] == 1, now + 1, 0)
+    path = torch.stack(states, dim=-1)
+    labels = (now == 3).double() + 0.3 * (now == 0).double()
+    windows = Windows(path, actions, torch.cat([path[..., 1:], now.unsqueeze(-1)], dim=-1), labels)
+    keys: dict[str, Any] = {"hidden": (32,), "batch": 32, "learning_rate": 0.005, "updates": 20, "target_sync": 20}
+    learner = learned(problem, DQN(OneHot(), **keys), [windows], Delayed())
+    policy = learner.policies()["greedy"]
+    for replica in range(4):
+        assert [int(policy[replica, t, t]) for t in range(3)] == [1, 1, 1]
+        assert policy[replica, 2, :2].tolist() == [0, 0]
+    values = learner._online(learner._inputs.expand(4, -1, -1)).detach().view(4, 3, 4, 2)
+    torch.testing.assert_close(values[:, 0, 0], torch.tensor([[0.3, 1.0]]).expand(4, 2), atol=0.1, rtol=0)
+
+
+def test_exploration_falls_linearly_and_is_what_is_executed(make_problem: Make, make_windows: MakeWindows) -> None:
+    problem = make_problem(range(500), states=4, actions=3, window=2)
+    learner = DQN(OneHot(), epsilon=0.8, epsilon_floor=0.2, epsilon_windows=4, hidden=(2,), batch=2)
+    dataset = Dataset(problem, 8)
+    learner.start(problem)
+    states = torch.arange(500) % 4
+    for seen, expected in ((0, 0.8), (1, 0.65), (2, 0.35), (1, 0.2), (3, 0.2)):
+        if seen:
+            dataset.append(make_windows(problem, seen))
+            learner.improve(dataset, Delayed())
+        greedy, table = learner.policies()["behaviour"], learner.executed()
+        assert table.shape == (500, 2, 4, 3)
+        torch.testing.assert_close(table.sum(-1), torch.ones(500, 2, 4, dtype=FLOAT))
+        chosen = table.gather(-1, greedy.unsqueeze(-1)).unique()
+        assert chosen.tolist() == pytest.approx([1 - expected + expected / 3])
+        assert table.unique().tolist() == pytest.approx([expected / 3, 1 - expected + expected / 3])
+        best = greedy[torch.arange(500), 1, states]
+        share = float(torch.stack([learner.act(states, 1) == best for _ in range(4)]).double().mean())
+        assert abs(share - (1 - expected * 2 / 3)) < 5 * 0.5 / 2000**0.5
+    assert torch.equal(learner.policies()["behaviour"], learner.policies()["greedy"])
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("optimizer.learning_rate=0", ["optimizer.learning_rate=0", "> 0"]),
+        ("optimizer.hidden=[64,0]", ["optimizer.hidden=[64, 0]", "list of int ≥ 1"]),
+        ("optimizer.loss=huber", ["optimizer.loss='huber'", "l2, smooth_l1"]),
+        ("optimizer.discount=1.1", ["optimizer.discount=1.1", "≤ 1"]),
+        ("optimizer.monte_carlo=-.5", ["optimizer.monte_carlo=-0.5", "≥ 0"]),
+        ("optimizer.batch=0", ["optimizer.batch=0", "≥ 1"]),
+        ("optimizer.epsilon_windows=0", ["optimizer.epsilon_windows=0", "≥ 1"]),
+        ("optimizer.epsilon=.01", ["optimizer.epsilon_floor=0.05", "optimizer.epsilon=0.01"]),
+        ("optimizer.features=null", ["optimizer.features=null", "FeatureMap"]),
+        ("experiment=advertiser", ["DQN works on episodic environments only", "continuing Advertiser"]),
+    ],
+)
+def test_bad_input(composed: Callable[..., dict[str, Any]], override: str, words: list[str]) -> None:
+    with pytest.raises(UserError) as refused:
+        composed("experiment=sepsis", "method=delayed", "optimizer=dqn", override)
+    assert all(word in str(refused.value) for word in words)
+    assert "\n" not in str(refused.value)

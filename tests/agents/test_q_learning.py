@@ -1,0 +1,89 @@
+"""Q-learning against a plain loop over the same steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+import torch
+
+from credit.agents.q_learning import QLearning
+from credit.core.dataset import Dataset
+from credit.core.interfaces import CreditAssigner
+from credit.core.types import Problem, Windows
+from credit.rivals.rules import Delayed, Uniform
+
+Make = Callable[..., Problem]
+MakeWindows = Callable[..., Windows]
+
+
+def learned(problem: Problem, learner: QLearning, pieces: list[Windows], rule: CreditAssigner) -> torch.Tensor:
+    dataset = Dataset(problem, 1)
+    learner.start(problem)
+    for piece in pieces:
+        dataset.append(piece)
+        learner.improve(dataset, rule)
+    return learner._q
+
+
+@pytest.mark.parametrize("rule", [Delayed(), Uniform()])
+def test_updates_equal_a_plain_loop(make_problem: Make, make_windows: MakeWindows, rule: CreditAssigner) -> None:
+    problem = make_problem((0, 1))
+    pieces = [make_windows(problem, count, seed=count) for count in (1, 3, 9)]
+    found = learned(problem, QLearning(learning_rate=0.3, discount=0.9), pieces, rule)
+    for replica in range(2):
+        q = [[0.0] * 3 for _ in range(10)]
+        for piece in pieces:
+            rewards = rule.rewards(piece)[replica]
+            for k in range(piece.labels.shape[1]):
+                for t in range(7):
+                    s, a, then = (int(part[replica, k, t]) for part in (piece.states, piece.actions, piece.next_states))
+                    q[s][a] += 0.3 * (float(rewards[k, t]) + 0.9 * max(q[then]) - q[s][a])
+        torch.testing.assert_close(found[replica], torch.tensor(q, dtype=torch.float64), atol=1e-12, rtol=1e-12)
+
+
+def test_two_steps_by_hand(make_problem: Make) -> None:
+    # lr 1/2, γ 1/2, label 4 on the second step: Q(0,0) = ½·(0 + ½·0) = 0, Q(1,1) = ½·4 = 2.
+    # The same window again: Q(0,0) = ½·(½·2) = .5, Q(1,1) = ½·2 + ½·(4 + ½·.5) = 3.125.
+    problem = make_problem((0,), states=2, actions=2, window=2)
+    window = Windows(
+        torch.tensor([[[0, 1]]]), torch.tensor([[[0, 1]]]), torch.tensor([[[1, 0]]]), torch.tensor([[4.0]]).double()
+    )
+    found = learned(problem, QLearning(0.5, 0.5), [window, window], Delayed())
+    assert found.tolist() == [[[0.5, 0.0], [0.0, 3.125]]]
+
+
+def test_exploration_falls_from_window_to_window_to_its_floor(make_problem: Make, make_windows: MakeWindows) -> None:
+    # In 2,000 replicas the share of actions that are not greedy (action 0, Q = 0) is ε·2/3; its s.e. is at most .011.
+    problem = make_problem(range(2000))
+    learner = QLearning(epsilon=0.9, epsilon_decay=0.5, epsilon_floor=0.3)
+    dataset = Dataset(problem, 4)
+    learner.start(problem)
+    states = torch.zeros(2000, dtype=torch.int64)
+    silent = make_windows(problem, 1)
+    silent = Windows(silent.states, silent.actions, silent.next_states, torch.zeros_like(silent.labels))
+    for expected in (0.9, 0.45, 0.3, 0.3):
+        share = float((learner.act(states, 0) != 0).double().mean())
+        assert abs(share - expected * 2 / 3) < 0.045
+        dataset.append(silent)
+        learner.improve(dataset, Delayed())
+
+
+def test_without_exploration_it_is_greedy_and_the_first_of_ties(make_problem: Make) -> None:
+    problem = make_problem((0, 1))
+    learner = QLearning(epsilon=0.0, epsilon_floor=0.0)
+    learner.start(problem)
+    learner._q[0, 4] = torch.tensor([1.0, 3.0, 3.0])
+    assert learner.act(torch.tensor([4, 4]), 0).tolist() == [1, 0]
+    policies = learner.policies()
+    assert policies["behaviour"][0].tolist() == [0, 0, 0, 0, 1, 0, 0, 0, 0, 0]
+    assert torch.equal(policies["behaviour"], policies["greedy"])
+
+
+def test_exploring_actions_are_uniform(make_problem: Make) -> None:
+    problem = make_problem(range(3000))
+    learner = QLearning(epsilon=1.0)
+    learner.start(problem)
+    actions = learner.act(torch.zeros(3000, dtype=torch.int64), 0)
+    shares = actions.bincount(minlength=3) / 3000
+    assert (shares - 1 / 3).abs().max() < 5 * (2 / 9 / 3000) ** 0.5

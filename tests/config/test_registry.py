@@ -1,0 +1,172 @@
+"""Hydra's side: compose, explain what cannot be composed, expand sweeps, name folders."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from credit.config import registry
+from credit.core.errors import UserError
+
+
+@pytest.fixture
+def own_folder(tmp_path: Path) -> Path:
+    """A user's folder with a bonus of its own."""
+    (tmp_path / "bonus").mkdir()
+    text = "# @package bonus.mine\n# My own bonus.\n_target_: credit.recovery.bonuses.Count\nscale: 0.7  # c\n"
+    (tmp_path / "bonus" / "mine.yaml").write_text(text, encoding="utf-8")
+    return tmp_path
+
+
+def test_composed_configurations_are_plain() -> None:
+    config = registry.compose(["method=reference"])
+    assert type(config) is dict
+    assert type(config["env"]) is dict
+    assert type(config["env"]["interaction"]) is list
+    assert config["method"] == "reference"
+    assert config["title"] == "Ridge-UCB"
+    assert not {"hydra", "planner", "learner"} & config.keys()
+
+
+def test_methods_choose_their_parts() -> None:
+    config = registry.compose(["method=disagreement"])
+    assert list(config["bonus"]) == ["count", "disagreement"]
+    assert list(config["surrogates"]) == ["linear", "threshold"]
+    assert config["surrogates"]["threshold"]["features"]["threshold"] == 4
+    assert registry.compose(["method=delayed"])["optimizer"]["_target_"].endswith("QLearning")
+
+
+def test_overrides_win_over_the_method() -> None:
+    config = registry.compose(["method=disagreement", "mixer=best", "bonus=[none]", "env.states=6"])
+    assert config["mixer"]["_target_"].endswith("Best")
+    assert not config.get("bonus")
+    assert config["env"]["states"] == 6
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("method=disagrement", ["method=disagrement", "no such option", "did you mean 'disagreement'", "oracle"]),
+        ("experiment=advertizer", ["experiment=advertizer", "did you mean 'advertiser'"]),
+        ("mixer=relative", ["mixer=relative", "no such option", "best", "relative_mse"]),
+        ("bonus=[count,disagremnt]", ["bonus=disagremnt", "did you mean 'disagreement'"]),
+        ("reward@reference=rige", ["reward=rige", "did you mean 'ridge'"]),
+        ("mixer.alfa=1", ["mixer.alfa", "unknown key", "did you mean 'alpha'", "RelativeMSE"]),
+        ("replica=3", ["replica", "unknown key", "did you mean 'replicas'"]),
+        ("feedbck.window=3", ["feedbck", "unknown key", "did you mean 'feedback'"]),
+        ("feedback.windw=3", ["feedback.windw", "did you mean 'window'"]),
+        ("surrogates.linear.features.foo=3", ["surrogates.linear.features.foo", "unknown key"]),
+        ("methd=delayed", ["methd", "unknown key", "did you mean 'method'"]),
+        ("seed", ["'seed'", "is no override", "key=value"]),
+        ("seed=[1", ["seed=[1", "is no override"]),
+    ],
+)
+def test_what_cannot_be_composed_is_explained(override: str, said: list[str]) -> None:
+    with pytest.raises(UserError) as error:
+        registry.compose([override])
+    for part in said:
+        assert part in str(error.value), str(error.value)
+
+
+@pytest.mark.parametrize("override", ["mixer=null", "bonus=null", "method=null", "mixer=3", "=3"])
+def test_what_is_no_name_of_an_option_is_explained(override: str) -> None:
+    with pytest.raises(UserError, match=override):
+        registry.compose([override])
+
+
+@pytest.mark.parametrize("other", ["replicas=3", "method=delayed"])
+def test_the_wrong_one_of_several_overrides_is_named(other: str) -> None:
+    with pytest.raises(UserError, match=r"env\.stats.*did you mean 'states'"):
+        registry.compose([other, "env.stats=3", "seed=4"])
+
+
+def test_composing_leaves_nothing_behind() -> None:
+    first = registry.compose(["method=disagreement"])
+    registry.compose(["method=delayed", "seed=9"])
+    with pytest.raises(UserError):
+        registry.compose(["method=none_such"])
+    assert registry.compose(["method=disagreement"]) == first
+
+
+def test_a_users_own_folder(own_folder: Path) -> None:
+    folders = [str(own_folder)]
+    config = registry.compose(["bonus=[mine,count]"], folders)
+    assert config["bonus"]["mine"] == {"_target_": "credit.recovery.bonuses.Count", "scale": 0.7}
+    assert registry.options("bonus", folders)["mine"] == own_folder / "bonus" / "mine.yaml"
+    assert "mine" not in registry.options("bonus")
+    assert registry.describe_file(own_folder / "bonus" / "mine.yaml") == "My own bonus."
+    with pytest.raises(UserError, match=r"did you mean 'mine'"):
+        registry.compose(["bonus=[mien]"], folders)
+    with pytest.raises(UserError, match=r"bonus=mine: no such option"):
+        registry.compose(["bonus=[mine]"])
+
+
+def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"absent: no such folder"):
+        registry.compose([], [str(tmp_path / "absent")])
+
+
+def test_expand() -> None:
+    jobs = registry.expand(["method=delayed,reference", "seed=0", "mixer.alpha=.1,.2"])
+    assert len(jobs) == 4
+    assert jobs[0] == ["method=delayed", "seed=0", "mixer.alpha=0.1"]
+    assert jobs[-1] == ["method=reference", "seed=0", "mixer.alpha=0.2"]
+    assert registry.expand(["seed=3"]) == [["seed=3"]]
+    assert registry.expand(["bonus=[count,disagreement]"]) == [["bonus=[count,disagreement]"]]
+    assert registry.expand(["seed=range(3)"]) == [["seed=0"], ["seed=1"], ["seed=2"]]
+
+
+def test_is_sweep() -> None:
+    assert registry.is_sweep("method=a,b")
+    assert registry.is_sweep("seed=range(0,3)")
+    assert not registry.is_sweep("method=a")
+    assert not registry.is_sweep("bonus=[count,disagreement]")
+
+
+@pytest.mark.parametrize(
+    ("overrides", "expected"),
+    [
+        ([], "default"),
+        (["experiment=advertiser", "method=reference", "seed=3", "replicas=7", "output=x", "device=cpu"], "default"),
+        (["tracking=none", "tracking.seeds=all", "rerun=true", "session=abc", "hydra.x=1"], "default"),
+        (["mixer.alpha=.3"], "mixer.alpha=0.3"),
+        (["mixer.alpha=.3", "env.states=6", "seed=1"], "env.states=6,mixer.alpha=0.3"),
+        (["+mixer.alpha=.3"], "mixer.alpha=0.3"),
+        (["bonus=[count, disagreement]"], "bonus=count,disagreement"),
+        (["seeds_of_doubt=1"], "seeds_of_doubt=1"),
+    ],
+)
+def test_slugs(overrides: list[str], expected: str) -> None:
+    assert registry.slug(overrides) == expected
+
+
+def test_slugs_of_different_overrides_differ_and_stay_short() -> None:
+    many = [f"env.key_{i}={i}" for i in range(40)]
+    other = [*many[:-1], "env.key_39=40"]
+    assert len(registry.slug(many)) < 130
+    assert registry.slug(many) != registry.slug(other)
+    assert registry.slug(many) == registry.slug(many[::-1])
+    assert "/" not in registry.slug(["reward@reference=ridge", "x=a/b/../c"])
+
+
+def test_every_kind_has_a_folder_a_class_and_options() -> None:
+    for name, kind in registry.KINDS.items():
+        assert registry.options(name), name
+        assert isinstance(kind.load(), type), name
+        assert kind.help
+    folders = {path.name for path in registry.conf_dir().iterdir() if path.is_dir()}
+    assert folders == {*registry.KINDS, *registry.CHOICES, "hydra"}
+
+
+@pytest.mark.parametrize("name", sorted({*registry.KINDS, *registry.CHOICES}))
+def test_every_file_says_in_its_first_line_what_it_is(name: str) -> None:
+    for path in registry.options(name).values():
+        assert registry.describe_file(path), path
+
+
+def test_composed_fixture_is_checked(composed: Callable[..., dict[str, object]]) -> None:
+    config = composed("method=delayed")
+    assert "mixer" not in config  # not used by it
+    assert "optimizer" in config

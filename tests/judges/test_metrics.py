@@ -1,0 +1,114 @@
+"""Regret (21), its area, policy error and rank correlation, by hand and against SciPy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.stats
+import torch
+
+from credit.core.cells import PAIRS, Cells
+from credit.core.types import Problem, Recovery
+from credit.judges.exact import AverageRewardOracle, policy_error, rank_correlation
+
+
+def tensor(values: Any) -> torch.Tensor:
+    return torch.tensor(values, dtype=torch.float64)
+
+
+@pytest.fixture
+def oracle(make_problem: Callable[..., Problem]) -> AverageRewardOracle:
+    """Two replicas of three states and one action: g* = .5, π* = 0 1 1, occupied half, half and never."""
+    problem = make_problem((0, 1), states=3, actions=2, window=2)
+    reward = tensor([[0.0, 1.0], [2.0, 3.0], [4.0, 5.0]])
+    return AverageRewardOracle(problem, 0.5, torch.tensor([0, 1, 1]), tensor([0.5, 0.5, 0.0]), reward)
+
+
+def test_regret_and_area_by_hand(oracle: AverageRewardOracle) -> None:
+    # Windows of 2 steps: regret a window is 1 − Σr. Replica 0: Σr = 0, 3, so regret 1, −2, cumulative 1, −1, area 0.
+    # Replica 1: Σr = 1, .5: regret 0, .5, cumulative 0, .5, area .5.
+    oracle.update(tensor([[[0, 0], [1, 2]], [[1, 0], [0.5, 0]]]), tensor([[7.0, 9.0], [1.0, 2.0]]))
+    values = oracle.metrics({}, None)
+    assert values["regret/cumulative"].tolist() == [-1, 0.5]
+    assert values["regret/auc"].tolist() == [0, 0.5]
+    assert values["return/label"].tolist() == [8, 1.5]
+    # Another window: regret 1 − 2 = −1 and 1 − 0 = 1: cumulative −2, 1.5; areas 0 − 2, .5 + 1.5.
+    oracle.update(tensor([[[1, 1]], [[0, 0]]]), tensor([[3.0], [4.0]]))
+    values = oracle.metrics({}, None)
+    assert values["regret/cumulative"].tolist() == [-2, 1.5]
+    assert values["regret/auc"].tolist() == [-2, 2]
+    assert values["return/label"].tolist() == [3, 4]  # since the last call
+
+
+def test_a_window_cut_short_counts_in_the_regret_and_has_no_label(oracle: AverageRewardOracle) -> None:
+    oracle.update(tensor([[[0, 0]], [[1, 1]]]), tensor([[5.0], [6.0]]))
+    oracle.update(tensor([[[0.25]], [[0.75]]]), None)
+    values = oracle.metrics({}, None)
+    assert values["regret/cumulative"].tolist() == [1.25, -1.25]
+    assert values["return/label"].tolist() == [5, 6]
+
+
+def test_windows_at_once_or_one_by_one_are_the_same(make_problem: Callable[..., Problem]) -> None:
+    problem = make_problem((0,), states=3, actions=2, window=2)
+    rewards = torch.rand(1, 20, 2, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    both = []
+    for size in (20, 1):
+        oracle = AverageRewardOracle(problem, 0.3, torch.zeros(3), torch.zeros(3), torch.zeros(3, 2))
+        for start in range(0, 20, size):
+            oracle.update(rewards[:, start : start + size], rewards[:, start : start + size].sum(-1))
+        both.append(oracle.metrics({}, None))
+    for name in both[0]:
+        torch.testing.assert_close(both[0][name], both[1][name])
+
+
+def test_policy_error_by_hand(oracle: AverageRewardOracle) -> None:
+    policies = {"behaviour": torch.tensor([[0, 0, 0], [0, 1, 1]]), "greedy": torch.tensor([[1, 1, 1], [1, 0, 0]])}
+    values = oracle.metrics(policies, None)
+    assert values["policy/error"].tolist() == pytest.approx([2 / 3, 0])
+    assert values["policy/error_greedy"].tolist() == pytest.approx([1 / 3, 1])
+    assert values["policy/error_occupancy"].tolist() == [0.5, 0]  # state 2 is never visited
+    assert "policy/error_greedy" not in oracle.metrics({"behaviour": policies["behaviour"]}, None)
+
+
+def test_policy_error_weights_sum() -> None:
+    policy = torch.tensor([[0, 1, 2]])
+    optimal = torch.tensor([0, 0, 0])
+    assert policy_error(policy, optimal, tensor([0.2, 0.3, 0.5])).tolist() == [0.8]
+
+
+def test_reward_metrics_by_hand(oracle: AverageRewardOracle) -> None:
+    # truth 0..5; replica 0 is off by 1 at one of six pairs, replica 1 in reverse: Σ(2i − 5)² = 70 over 6
+    mixed = tensor([[0, 1, 2, 3, 4, 6], [5, 4, 3, 2, 1, 0]])
+    weights = torch.stack([torch.full((2, 6), 0.25), torch.full((2, 6), 0.75)], 1).double()
+    best = torch.tensor([[0, 0, 0, 1, 1, 1], [1, 1, 1, 1, 1, 0]])
+    recovery = Recovery(
+        ("ridge", "linear"), mixed, (), mixed, mixed, weights, best, mixed, {}, mixed, mixed, Cells(PAIRS, (3, 2))
+    )
+    values = oracle.metrics({}, recovery)
+    assert values["reward/mse"].tolist() == pytest.approx([1 / 6, 70 / 6])
+    assert values["reward/rank_correlation"].tolist() == pytest.approx([1, -1])
+    assert values["weight/ridge"].tolist() == [0.25, 0.25]
+    assert values["weight/linear"].tolist() == [0.75, 0.75]
+    assert values["best/ridge"].tolist() == pytest.approx([1 / 2, 1 / 6])
+    assert values["best/linear"].tolist() == pytest.approx([1 / 2, 5 / 6])
+
+
+def test_rank_correlation_against_scipy() -> None:
+    rng = np.random.default_rng(0)
+    first, second = rng.normal(size=(2, 5, 30))
+    second = second + first * np.arange(5)[:, None]
+    expected = [scipy.stats.spearmanr(a, b).statistic for a, b in zip(first, second, strict=True)]
+    found = rank_correlation(torch.from_numpy(first), torch.from_numpy(second))
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_rank_correlation_of_a_constant_is_not_defined() -> None:
+    assert rank_correlation(tensor([[1, 1, 1]]), tensor([[1, 2, 3]])).isnan().all()
+    assert rank_correlation(tensor([[1, 2, 3]]), tensor([[0, 0, 0]])).isnan().all()
+
+
+def test_rank_correlation_with_an_unknown_truth_is_not_known() -> None:
+    assert rank_correlation(tensor([[3, 1, 2]]), tensor([[torch.nan] * 3])).isnan().all()

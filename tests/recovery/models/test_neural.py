@@ -1,0 +1,266 @@
+"""Equation (5): what is minimised, on which steps, and by which gradient."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import pytest
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from credit.core.continuous import NetworkUncertainty, Posterior
+from credit.core.errors import RunError
+from credit.core.streams import generators
+from credit.core.trajectories import ContinuousProblem, Moves, Trajectories
+from credit.networks.stack import Stack
+from credit.recovery.features.motion import Motion
+from credit.recovery.models.batches import balanced, every, padding
+from credit.recovery.models.neural import NeuralModel, gradient
+from credit.recovery.uncertainty.networks import Dropout, Ensemble, LastLayer, Predictor
+
+MakeWalks = Callable[..., tuple[ContinuousProblem, Trajectories]]
+KINDS: list[Callable[[], NetworkUncertainty]] = [Dropout, Ensemble, LastLayer]
+
+
+def model(uncertainty: NetworkUncertainty | None = None, **keys: Any) -> NeuralModel:
+    small: dict[str, Any] = {"width": 16, "first_steps": 20, "steps": 5, "batch": 6}
+    return NeuralModel("dnn", Motion(), uncertainty or LastLayer(), **(small | keys))
+
+
+def fitted(problem: ContinuousProblem, walks: Trajectories, *fits: int, **keys: Any) -> NeuralModel:
+    """A model after fits to the first so many trajectories."""
+    made = model(**keys)
+    made.start(problem)
+    for count in fits or (walks.labels.shape[1],):
+        part = first(walks, count)
+        made.fit(made.features(part), part)
+    return made
+
+
+def first(walks: Trajectories, count: int) -> Trajectories:
+    """The first trajectories of each replica."""
+    own = walks.number < count
+    names = ("states", "actions", "next_states", "replica", "number", "final", "terminated")
+    return Trajectories(*(getattr(walks, name)[own] for name in names), labels=walks.labels[:, :count])
+
+
+@pytest.mark.parametrize("stride", [1, 3, 12, 100])
+def test_every_step_counts_once(make_walks: MakeWalks, stride: int) -> None:
+    problem, walks = make_walks((4, 5), 7)
+    steps = every(walks, stride, problem.window)
+    assert steps.rows.shape == steps.weights.shape == (2, 7, padding(stride, problem.window))
+    for replica in range(2):
+        for number in range(7):
+            own = ((walks.replica == replica) & (walks.number == number)).nonzero().flatten().tolist()
+            stands_for: dict[int, int] = {}
+            for place in range(len(own)):  # every step is stood for by the next one that is kept
+                kept = next(k for k in range(place, len(own)) if (len(own) - 1 - k) % stride == 0)
+                stands_for[own[kept]] = stands_for.get(own[kept], 0) + 1
+            rows, weights = steps.rows[replica, number], steps.weights[replica, number]
+            found = {int(row): int(weight) for row, weight in zip(rows, weights, strict=True) if weight > 0}
+            assert found == stands_for
+            assert set(rows.tolist()) <= set(own)
+
+
+def test_batches_are_half_successes() -> None:
+    labels = torch.tensor([[0.0, 1, 0, 0, 1, 0], [1, 1, 1, 1, 1, 1], [0, 0, 0, 0, 0, 0]])
+    uniform = torch.rand(3, 500, 5, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    chosen = balanced(labels, uniform)
+    assert chosen.shape == (3, 500, 5)
+    assert set(chosen[0, :, :2].unique().tolist()) == {1, 4}
+    assert set(chosen[0, :, 2:].unique().tolist()) == {0, 2, 3, 5}
+    for replica in (1, 2):  # of one kind only
+        assert set(chosen[replica].unique().tolist()) == set(range(6))
+    counts = torch.bincount(chosen[0, :, 2:].flatten())[torch.tensor([0, 2, 3, 5])]
+    assert (counts - 375).abs().max() < 75
+    assert torch.equal(balanced(labels[:1], uniform[:1]), chosen[:1])
+
+
+def test_gradient_is_that_of_the_loss() -> None:
+    generator = torch.Generator().manual_seed(0)
+    outputs = torch.randn(3, 4, dtype=torch.float64, generator=generator, requires_grad=True)
+    shares, labels = (torch.rand(shape, dtype=torch.float64, generator=generator) for shape in ((3, 4), (3,)))
+    shares[0, 2:] = 0
+
+    def loss(o: Tensor) -> Tensor:
+        return sum(  # type: ignore[return-value]
+            (labels[i] - sum(shares[i, p] * o[i, p] for p in range(4))) ** 2
+            + 0.3 * sum(shares[i, p] * o[i, p].abs() for p in range(4))
+            for i in range(3)
+        )
+
+    (expected,) = torch.autograd.grad(loss(outputs), outputs)
+    torch.testing.assert_close(gradient(outputs.detach(), shares, labels, 0.3), expected)
+
+
+class Fixed(NetworkUncertainty):
+    """Masks and offsets that a test knows."""
+
+    def posterior(self, networks: Stack, problem: ContinuousProblem, name: str) -> Posterior:
+        return FixedPosterior(networks)
+
+
+class FixedPosterior(Posterior):
+    def __init__(self, networks: Stack) -> None:
+        self.networks = networks
+
+    def masks(self, rows: int) -> Sequence[Tensor]:
+        generator = torch.Generator().manual_seed(7)
+        shape = (self.networks.shape.depth, self.networks.members, rows, self.networks.shape.width)
+        return (torch.rand(shape, generator=generator) > 0.3).float().unbind()
+
+    def offset(self, inputs: Tensor) -> Tensor:
+        return inputs.sum(-1)
+
+    def predictor(self, replica: int) -> Predictor:
+        raise NotImplementedError
+
+
+@pytest.mark.parametrize("kind", ["sum", "success"])
+def test_fits_descend_the_loss_as_autograd_and_torchs_adam_do(make_walks: MakeWalks, kind: str) -> None:
+    problem, walks = make_walks((3,), 9, kind)
+    ours = model(Fixed(), first_steps=4, sparsity=0.2, stride=5)
+    ours.start(problem)
+    weights = [block[0].clone().requires_grad_() for block in ours.networks.blocks]
+    adam = torch.optim.Adam(weights, lr=1e-3)
+    inputs = ours.features(walks)
+    ours.fit(inputs, walks)
+
+    deviation = torch.cat([inputs.std(0, correction=0)[:2], torch.ones(1)])  # the action is a constant
+    scaled = (inputs - inputs.mean(0)) / deviation
+    steps = every(walks, 5, problem.window)
+    uniform = torch.from_numpy(generators((3,), "dnn/batches 0")[0].random((4, 6)))
+    masks = FixedPosterior(ours.networks).masks(6 * 8)
+    for chosen in balanced(walks.labels, uniform.unsqueeze(0))[0]:
+        hidden = rows = scaled[steps.rows[0, chosen]].view(6 * 8, 3)
+        for layer in range(2):
+            hidden = F.linear(hidden, weights[2 * layer], weights[2 * layer + 1][0]).relu() * masks[layer][0]
+        outputs = F.linear(hidden, weights[4], weights[5][0])[:, 0] + rows.sum(-1)
+        rewards = (outputs / problem.window).view(6, 8)
+        times = steps.weights[0, chosen]
+        errors = walks.labels[0, chosen] - (rewards * times).sum(1)
+        loss = (errors.square() + 0.2 * (rewards.abs() * times).sum(1)).mean()
+        adam.zero_grad()
+        loss.backward()
+        adam.step()
+    for block, expected in zip(ours.networks.blocks, weights, strict=True):
+        torch.testing.assert_close(block[0], expected.detach(), atol=2e-6, rtol=1e-5)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("width", [16, 64])
+def test_a_replica_alone_equals_itself_in_a_batch(
+    make_walks: MakeWalks, kind: Callable[[], NetworkUncertainty], width: int
+) -> None:
+    problem, walks = make_walks((3, 8, 5), 12, "success")
+    together = fitted(problem, walks, 8, 12, uncertainty=kind(), width=width)
+    mean, variance = together.predict(together.features(walks), walks)
+    for replica, seed in enumerate(problem.seeds):
+        alone_problem, alone_walks = make_walks((seed,), 12, "success")
+        alone = fitted(alone_problem, alone_walks, 8, 12, uncertainty=kind(), width=width)
+        own = walks.replica == replica
+        for whole, part in zip((mean, variance), alone.predict(alone.features(alone_walks), alone_walks), strict=True):
+            assert torch.equal(whole[own], part)
+            assert part.dtype == torch.float32
+            assert part.isfinite().all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_one_seed_gives_one_result(make_walks: MakeWalks, kind: Callable[[], NetworkUncertainty]) -> None:
+    problem, walks = make_walks((3, 4), 8)
+    one, two = (fitted(problem, walks, uncertainty=kind()) for _ in range(2))
+    for left, right in zip(
+        one.predict(one.features(walks), walks), two.predict(two.features(walks), walks), strict=True
+    ):
+        assert torch.equal(left, right)
+        assert left[walks.replica == 0][:20].ne(left[walks.replica == 1][:20]).all()
+
+
+def test_what_is_not_finite_is_refused_by_name(make_walks: MakeWalks) -> None:
+    problem, walks = make_walks((3, 8, 5), 6)
+    labels = walks.labels.clone()
+    labels[1, 2] = torch.nan
+    with pytest.raises(RunError, match=r"'dnn'.*seed 8 is not finite after fit 1"):
+        fitted(problem, replace(walks, labels=labels))
+    states = walks.states.clone()
+    states[(walks.replica != 1).nonzero()[5]] = torch.inf
+    with pytest.raises(RunError, match=r"seed 3 is not"):
+        fitted(problem, replace(walks, states=states))
+    made = fitted(problem, walks)
+    made.networks.layers[0].weight[2] = torch.nan
+    with pytest.raises(RunError, match=r"seed 5 is not finite after fit 2"):
+        made.fit(made.features(walks), walks)
+
+
+def test_it_finds_the_reward_of_steps_from_sums(make_walks: MakeWalks, square: tuple[Moves, Tensor]) -> None:
+    problem, walks = make_walks((0,), 60)
+    made = fitted(problem, walks, width=32, first_steps=400, batch=16, sparsity=0.0)
+    mean, _ = made.predict(made.features(walks), walks)
+    sums = walks.sums(mean)[0]
+    assert torch.corrcoef(torch.stack([sums.double(), walks.labels[0]]))[0, 1] > 0.95
+    assert abs((sums - walks.labels[0]).mean()) < 0.1
+    moves, worth = square
+    seen = moves.states[:, 0] < 0.2
+    mean, _ = made.predict(made.features(moves), moves)
+    ranks = torch.stack([values[seen].argsort().argsort().double() for values in (mean, worth)])
+    assert torch.corrcoef(ranks)[0, 1] > 0.9
+
+
+def test_sparsity_makes_rewards_small(make_walks: MakeWalks) -> None:
+    problem, walks = make_walks((0,), 30, "success")
+    sizes = []
+    for sparsity in (0.0, 0.5):
+        made = fitted(problem, walks, first_steps=200, sparsity=sparsity)
+        sizes.append(made.predict(made.features(walks), walks)[0].abs().mean())
+    assert sizes[1] < 0.8 * sizes[0]
+
+
+def test_later_fits_go_on_from_the_last(make_walks: MakeWalks) -> None:
+    problem, walks = make_walks((0,), 20)
+    twice, once = fitted(problem, walks, 10, 10), fitted(problem, walks, 10, first_steps=25)
+    torch.testing.assert_close(twice.networks.flat, once.networks.flat)  # 20 + 5 steps, in the same batches
+    grown = fitted(problem, walks, 10, 20)
+    assert not torch.equal(grown.networks.flat, twice.networks.flat)
+    before = fitted(problem, walks, 10)
+    assert (grown.networks.flat - before.networks.flat).abs().max() < 0.01  # five steps of Adam move no further
+
+
+def test_inputs_are_standardised_by_what_the_first_fit_saw(make_walks: MakeWalks) -> None:
+    problem, walks = make_walks((0, 1), 20)
+    made = fitted(problem, walks, learning_rate=1e-12)
+    inputs = made.features(walks)
+    before, _ = made.predict(inputs, walks)
+    made.fit(3 * inputs + 5, walks)
+    assert torch.equal(made.predict(inputs, walks)[0], before)
+    for replica in range(2):  # what networks saw had mean zero and deviation one
+        own = inputs[walks.replica == replica]
+        seen = (own - made._mean[replica]) * made._scale[replica]
+        torch.testing.assert_close(seen.mean(0), torch.zeros(3), atol=1e-5, rtol=0)
+        torch.testing.assert_close(seen.std(0, correction=0), torch.tensor([1.0, 1.0, 0.0]))
+
+
+def test_the_order_of_rows_does_not_matter(make_walks: MakeWalks) -> None:
+    problem, walks = make_walks((0, 1), 400)
+    made = fitted(problem, first(walks, 5))
+    inputs = made.features(walks)
+    assert len(walks) > 2 * 4096  # several parts
+    order = torch.randperm(len(walks), generator=torch.Generator().manual_seed(0))
+    moved = Moves(walks.states[order], walks.actions[order], walks.next_states[order], walks.replica[order])
+    for there, here in zip(made.predict(inputs[order], moved), made.predict(inputs, walks), strict=True):
+        torch.testing.assert_close(there, here[order])
+
+
+def test_before_there_are_trajectories(make_walks: MakeWalks) -> None:
+    problem, walks = make_walks((0, 1), 4)
+    made = model(Dropout())
+    made.start(problem)
+    empty = first(walks, 0)
+    made.fit(made.features(empty), empty)
+    mean, variance = made.predict(made.features(walks), walks)
+    assert mean.isfinite().all()
+    assert (variance > 0).any()
+    made.fit(made.features(walks), walks)  # the first fit, with its own number of steps
+    assert made.networks.flat.equal(fitted(problem, walks, uncertainty=Dropout()).networks.flat)
