@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -13,6 +13,15 @@ from credit.core.problem import Problem
 from credit.core.state import Stateful
 from credit.core.steps import Steps
 from credit.core.tensors import grown
+
+
+class Episode(NamedTuple):
+    """L steps from a beginning to an end: states, actions, next_states [L, ...], and whether nothing lies behind."""
+
+    states: Tensor
+    actions: Tensor
+    next_states: Tensor
+    terminated: bool = False
 
 
 @dataclass(frozen=True)
@@ -45,6 +54,38 @@ class Windows(Steps):
         """Windows of equal lengths: steps [R, K, T, ...] and labels [R, K]; memory is shared where it can be."""
         parts = (part.flatten(1, 2) for part in (states, actions, next_states))
         return cls(*parts, labels=labels, length=states.shape[2])
+
+    @classmethod
+    def of_episodes(cls, episodes: Sequence[Sequence[Episode]], labels: Tensor) -> Windows:
+        """Windows that are whole episodes, of any lengths, the same number for every replica.
+
+        Args:
+            episodes: K episodes of each of R replicas. labels: [R, K].
+        """
+        lengths = torch.tensor([[len(episode.states) for episode in own] for own in episodes])
+        count = lengths.sum(1)
+        rows = int(count.max())
+
+        def column(name: str) -> Tensor:
+            parts = [torch.cat([getattr(episode, name) for episode in own]) for own in episodes]
+            block = parts[0].new_zeros(len(parts), rows, *parts[0].shape[1:])
+            for row, part in zip(block, parts, strict=True):
+                row[: len(part)] = part
+            return block.to(labels.device)
+
+        last = lengths.cumsum(1) - 1
+        ended = torch.zeros(len(episodes), rows, dtype=torch.bool).scatter(1, last, True)
+        over = torch.tensor([[episode.terminated for episode in own] for own in episodes])
+        step = [torch.cat([torch.arange(n) for n in own]) for own in lengths.tolist()]
+        return cls(
+            *(column(name) for name in ("states", "actions", "next_states")),
+            step=torch.nn.utils.rnn.pad_sequence(step, batch_first=True).to(labels.device),
+            labels=labels,
+            last=last.to(labels.device),
+            ended=ended.to(labels.device),
+            terminated=torch.zeros_like(ended).scatter(1, last, over).to(labels.device),
+            count=None if (count == rows).all() else count.to(labels.device),
+        )
 
     @property
     def times(self) -> Tensor:
