@@ -11,6 +11,7 @@ from gymnasium.spaces import Box, Discrete, Space
 from torch import Tensor
 
 from credit.core.cells import PAIRS, Axis, Cells
+from credit.core.steps import Steps
 
 FLOAT = torch.float64
 
@@ -112,6 +113,13 @@ class Problem(Replicas):
     def pairs(self) -> int:
         """S·A."""
         return self.states * self.actions
+
+    def blank(self) -> Steps:
+        """One step of zeros [1]: what feature maps are tried on."""
+        number = torch.zeros(1, dtype=torch.int64, device=self.device)
+        state = number if self.finite_states else torch.zeros(1, self.observations, device=self.device)
+        action = number if self.finite_actions else torch.zeros(1, self.actions, device=self.device)
+        return Steps(state, action, state, number)
 
     @cached_property
     def cells(self) -> Cells:

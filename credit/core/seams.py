@@ -7,8 +7,8 @@ whether parts fit together without building any of them.
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Collection, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, ClassVar, Literal
 
 import torch
@@ -19,6 +19,7 @@ from credit.core.cells import PAIRS, Axis, Cells
 from credit.core.component import Component
 from credit.core.policy import Policy
 from credit.core.problem import Problem
+from credit.core.state import Stateful
 from credit.core.steps import Steps
 from credit.core.store import Store, Windows
 from credit.core.tensors import matvec
@@ -70,14 +71,30 @@ class Uncertainty(Component):
         """Make the streams of R replicas; called once by each model that it serves."""
 
 
-class Places(Component):
+class Look(Stateful, ABC):
+    """What a feature map says of all places."""
+
+    @abstractmethod
+    def places(self, at: Tensor | None = None) -> Tensor:
+        """φ of some places [R, n, d]; or of all, [R, N, d], or [N, d] where they are the same for all replicas."""
+
+    @abstractmethod
+    def rows(self, windows: Windows, newest: bool) -> Tensor:
+        """φ of every row [R, n, d] of the newest windows of a store, or of all."""
+
+
+class Places(Stateful, ABC):
     """Where a pseudo-reward is defined: the cells of a table, or the steps that were taken.
 
     Attributes:
-        count: N, how many there are now.
+        cells: what they are, where they are the cells of a table.
     """
 
-    count: int
+    cells: Cells | None = None
+
+    @abstractmethod
+    def look(self, features: Callable[[Steps], Tensor]) -> Look:
+        """What a feature map, started, says of them."""
 
     @abstractmethod
     def extend(self, store: Store) -> None:
@@ -85,7 +102,17 @@ class Places(Component):
 
     @abstractmethod
     def index(self, windows: Windows) -> Tensor:
-        """The place of every row of the newest windows, or of all of them [R, n]."""
+        """The place [R, n] of every row of the newest windows, or of all."""
+
+    @property
+    def counts(self) -> list[int] | None:
+        """How many there are in each replica, where they differ."""
+        return None
+
+    @property
+    def visits(self) -> Tensor | None:
+        """N(s, a) [R, N], where they are the cells of a table."""
+        return None
 
 
 class RewardModel(Component):

@@ -24,7 +24,7 @@ class Episode(NamedTuple):
     terminated: bool = False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Windows(Steps):
     """Labelled windows of R replicas, K each, over n rows of steps; a window's rows follow each other.
 
@@ -41,7 +41,7 @@ class Windows(Steps):
         primitive: r [R, n], only for components that declare `sees_primitive` (the oracle); None for all others.
     """
 
-    labels: Tensor = None  # type: ignore[assignment] - a dataclass wants defaults behind a default
+    labels: Tensor
     length: int | None = None
     last: Tensor | None = None
     ended: Tensor | None = None
@@ -52,8 +52,8 @@ class Windows(Steps):
     @classmethod
     def of_grid(cls, states: Tensor, actions: Tensor, next_states: Tensor, labels: Tensor) -> Windows:
         """Windows of equal lengths: steps [R, K, T, ...] and labels [R, K]; memory is shared where it can be."""
-        parts = (part.flatten(1, 2) for part in (states, actions, next_states))
-        return cls(*parts, labels=labels, length=states.shape[2])
+        s, a, n = (part.flatten(1, 2) for part in (states, actions, next_states))
+        return cls(s, a, n, labels=labels, length=states.shape[2])
 
     @classmethod
     def of_episodes(cls, episodes: Sequence[Sequence[Episode]], labels: Tensor) -> Windows:
@@ -78,7 +78,9 @@ class Windows(Steps):
         over = torch.tensor([[episode.terminated for episode in own] for own in episodes])
         step = [torch.cat([torch.arange(n) for n in own]) for own in lengths.tolist()]
         return cls(
-            *(column(name) for name in ("states", "actions", "next_states")),
+            column("states"),
+            column("actions"),
+            column("next_states"),
             step=torch.nn.utils.rnn.pad_sequence(step, batch_first=True).to(labels.device),
             labels=labels,
             last=last.to(labels.device),
@@ -124,7 +126,9 @@ class Windows(Steps):
         if self.length is not None:
             row = torch.arange(len(self), device=self.labels.device)
             return (row % self.length == self.length - 1).expand(self.states.shape[:2])
-        return torch.zeros(self.states.shape[:2], dtype=torch.bool, device=self.labels.device).scatter(1, self.ends, True)
+        return torch.zeros(self.states.shape[:2], dtype=torch.bool, device=self.labels.device).scatter(
+            1, self.ends, True
+        )
 
     @property
     def valid(self) -> Tensor | None:
@@ -154,6 +158,12 @@ class Windows(Steps):
         total = values.new_zeros(replicas * (windows + 1), *values.shape[2:])
         total.index_add_(0, place.flatten(), values.flatten(0, 1))
         return total.unflatten(0, (replicas, windows + 1))[:, :windows]
+
+
+def put(block: Tensor, part: Tensor, starts: Sequence[int], counts: Sequence[int]) -> None:
+    """Write the first rows of each replica of a part [R, n, ...] into a block [R, ≥ start + count, ...], in place."""
+    for own, new, start, count in zip(block, part, starts, counts, strict=True):
+        own[start : start + count] = new[:count]
 
 
 ROWS = ("states", "actions", "next_states", "step", "ended", "terminated", "primitive")  # columns of a row
@@ -209,8 +219,7 @@ class Store(Stateful):
             if even:
                 block[:, first:stop] = part
             else:
-                for r, (start, count) in enumerate(zip(self._rows.tolist(), added.tolist(), strict=True)):
-                    block[r, start : start + count] = part[r, :count]
+                put(block, part, self._rows.tolist(), added.tolist())
         self._add_labels(windows)
         self._rows = self._rows + added
         self.new = windows
@@ -228,7 +237,7 @@ class Store(Stateful):
     def windows(self) -> Windows:
         """All windows, as views."""
         rows = int(self._rows.max())
-        columns = {name: block[:, :rows] for name, block in self._columns.items()}
+        columns: dict[str, Any] = {name: block[:, :rows] for name, block in self._columns.items()}
         labels = self._labels[:, : self._windows]
         if self._length:
             return Windows(**columns, labels=labels, length=self._length)

@@ -46,7 +46,7 @@ class Alike:
         return cells, rank.gather(1, standing)
 
 
-def spread(values: Tensor, position: Tensor) -> Tensor:
+def spread_out(values: Tensor, position: Tensor) -> Tensor:
     """Values [R, ..., n] of the chosen cells, for all cells [R, ..., N]."""
     shape = (len(values), *[1] * (values.dim() - 2), position.shape[-1])
     return values.gather(-1, position.view(shape).expand(*values.shape[:-1], -1))
