@@ -20,7 +20,7 @@ def _spread(draws: Tensor, ddof: int) -> Tensor:
 
 
 def gap(reference: Estimate, surrogate: Estimate) -> Tensor:
-    """Δ̂² of a surrogate [R, N]: the mean over common draws of the squared gap (9); without draws the point gap's (7)."""
+    """Δ̂² of a surrogate [R, N]: the mean over common draws of the squared gap (9); without, that of the fits (7)."""
     if reference.draws is None or surrogate.draws is None:
         return (reference.mean - surrogate.mean).square()
     return by_replica(lambda a, b: (a - b).square_().mean(1), reference.draws, surrogate.draws)
