@@ -141,7 +141,7 @@ class Trainer(Component):
                 between()
         if rest:
             windows, primitive = self.collector.collect(self._actor(), 1, rest)
-            self.judge.update(windows, primitive, executed(self._actor()), complete=False)
+            self.judge.update(windows, primitive, self._actor(), complete=False)
         progress(self.steps)
         log(self.steps, self.metrics())
 
@@ -173,7 +173,7 @@ class Trainer(Component):
                 f"window {self.collected + k} of seed {self.problem.seeds[replica]} has the label "
                 f"{float(windows.labels[replica, k])}: labels must be finite; look at env's reward and at feedback"
             )
-        self.judge.update(windows, primitive, executed(actor))
+        self.judge.update(windows, primitive, actor)
         return windows, primitive
 
     def _learn(self, windows: Windows, primitive: Tensor) -> None:

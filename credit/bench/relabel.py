@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from credit.bench.measure import Row, taken_in_turns
-from credit.core.continuous import StepModel
-from credit.core.trajectories import ContinuousProblem, Trajectories
+from credit.core.problem import Problem
+from credit.core.store import Windows
 from credit.envs.pointmaze.environment import PointMaze
 from credit.envs.pointmaze.features import MazeCells, MazeGeometry
 from credit.recovery.features.motion import Motion
@@ -27,7 +27,7 @@ def relabelling(rounds: int = 6) -> list[Row]:
     dnn = NeuralModel("dnn", Motion(), uncertainty)
     heuristic = NeuralModel("heuristic", MazeGeometry(env), uncertainty, width=32, sparsity=0.0)
     box = StepLinear("box", MazeCells(env))
-    rows, problem = trajectories(), ContinuousProblem(4, 2, HORIZON, (0,), torch.device("cpu"))
+    rows, problem = trajectories(), Problem(4, 2, HORIZON, (0,), torch.device("cpu"))
     work: list[tuple[StepModel, Tensor]] = []
     for model in (dnn, heuristic, box):
         model.start(problem)
@@ -47,13 +47,13 @@ def relabelling(rounds: int = 6) -> list[Row]:
     return [Row(what, figure, "≤ 1.5", ratio <= 1.5)]
 
 
-def trajectories() -> Trajectories:
+def trajectories() -> Windows:
     """Balls anywhere, in trajectories of H steps with labels of both kinds."""
     count, generator = TRANSITIONS // HORIZON, torch.Generator().manual_seed(0)
     states = torch.rand(TRANSITIONS, 4, generator=generator) * 6 - 3
     number = torch.arange(TRANSITIONS) // HORIZON
     final = torch.arange(TRANSITIONS) % HORIZON == HORIZON - 1
-    return Trajectories(
+    return Windows(
         states=states,
         actions=torch.rand(TRANSITIONS, 2, generator=generator) * 2 - 1,
         next_states=states,

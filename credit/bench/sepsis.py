@@ -10,7 +10,8 @@ from torch import Tensor
 
 from credit.bench.measure import Row, cpu_seconds, tensor_megabytes
 from credit.config import schema
-from credit.core.types import FLOAT, Problem, Windows
+from credit.core.problem import FLOAT, Problem
+from credit.core.store import Windows
 from credit.recovery.models.table import TableModel
 from credit.runs.runner import compose
 from credit.trainer import Trainer

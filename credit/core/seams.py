@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, NamedTuple, Protocol
 
 import torch
 from torch import Tensor
@@ -23,6 +23,7 @@ from credit.core.state import Stateful
 from credit.core.steps import Steps
 from credit.core.store import Store, Windows
 from credit.core.tensors import matvec
+from credit.core.truth import ContinuingTruth, EpisodicTruth
 
 Objective = Literal["sum", "last"]  # what a label is about: all rewards of a window together, or its last one
 
@@ -243,9 +244,9 @@ class Agent(Component):
     def policies(self) -> dict[str, Policy]:
         """`behaviour` and, where there are others to judge, those: without bonus (`greedy`), averaged, …"""
 
-    def executed(self) -> Policy | None:
-        """What `act` follows now, exploration included, where its probabilities are known; None: the behaviour."""
-        return None
+    def executed(self) -> Policy:
+        """What `act` follows now, exploration included; by default the behaviour."""
+        return self.policies()["behaviour"]
 
     def diagnostics(self) -> dict[str, Tensor]:
         """What the last improvement came to: name → [R], for the journal; nothing by default."""
@@ -281,14 +282,40 @@ class TransitionTable(Transition):
         return matvec(probabilities.flatten(1, 2), values).view(probabilities.shape[:-1])
 
 
+class Act(Protocol):
+    """Whatever acts: a policy, or an agent that explores."""
+
+    def act(self, states: Tensor, step: Tensor) -> Tensor:
+        """Actions of K copies of each replica [R, K, ...], as `Policy.act` has them."""
+
+
+class Rollout(NamedTuple):
+    """What an environment's run came to, before anybody has labelled it.
+
+    Attributes:
+        windows: the steps; their labels mean nothing yet. primitive: r of every row [R, n], for judges and oracles.
+        rewards: what the feedback sees [R, K, T], 0 behind the end of a shorter window.
+    """
+
+    windows: Windows
+    primitive: Tensor
+    rewards: Tensor
+
+
+class Episodes(NamedTuple):
+    """How K episodes of each replica ended: success [R, K], lengths [R, K], and the sum of rewards [R, K]."""
+
+    success: Tensor
+    lengths: Tensor
+    returns: Tensor
+
+
 class Environment(Component):
-    """Where steps happen: K copies of each of R replicas, stepped together.
+    """Where steps happen: R replicas, side by side.
 
     Its primitive reward reaches the collector alone, which hands it to feedback and judge. Components that need to
     know more than the problem get `knowledge()`.
 
-    Attributes:
-        copies: K, how many episodes of a replica run at once, where the collector may choose.
     """
 
     @abstractmethod
@@ -303,12 +330,28 @@ class Environment(Component):
     def start(self, problem: Problem) -> None:
         """Put R replicas into their initial states."""
 
+    @abstractmethod
+    def run(self, act: Act, windows: int, steps: int) -> Rollout:
+        """Follow a policy for some windows of at most `steps` steps."""
+
+    def evaluate(self, name: str, policy: Policy) -> Episodes:
+        """Episodes that nobody learns from, with random numbers of their own, for a judge by rollouts.
+
+        Args:
+            name: of the policy. policy: what is followed.
+        """
+        raise NotImplementedError(f"{type(self).__name__} is judged by its truth")
+
     def knowledge(self) -> Any:
         """What is known of this environment beside the problem, for components that ask for it: a frozen record."""
         return None
 
-    def truth(self, objective: str, window: int) -> Any:
-        """What an exact judge judges by, where P and r are known (`credit.core.truth`); None: judge by rollouts."""
+    def truth(self, objective: str, problem: Problem) -> ContinuingTruth | EpisodicTruth | None:
+        """What an exact judge judges by, where P and r are known; None: it is judged by rollouts.
+
+        Raises:
+            UserError: no such objective can be judged.
+        """
         return None
 
     def demonstrations(self) -> tuple[Windows, Tensor] | None:
@@ -347,13 +390,13 @@ class Judge(Component):
     higher_is_better: ClassVar[bool]
 
     @abstractmethod
-    def update(self, windows: Windows, primitive: Tensor, executed: Policy, complete: bool = True) -> None:
-        """Count windows with rewards r [R, n] under a policy; `complete` is false for one that was cut short."""
+    def update(self, windows: Windows, primitive: Tensor, agent: Agent, complete: bool = True) -> None:
+        """Count windows with rewards r [R, n] that an agent collected; `complete` is false for one cut short."""
 
     @abstractmethod
     def measure(self, policies: Mapping[str, Policy], belief: Belief | None) -> dict[str, Tensor]:
         """Metric → [R]."""
 
-    def truth(self, cells: Cells) -> Tensor | None:
-        """The true reward [N] of cells, NaN where they cannot express it; None where nobody knows."""
-        return None
+    def truth(self, cells: Cells) -> Tensor:
+        """The true reward [N] of cells; NaN where they cannot express it, or nobody knows."""
+        return torch.full((cells.count,), torch.nan, dtype=torch.float64)

@@ -7,9 +7,10 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from credit.core.interfaces import Feedback, SomeProblem
+from credit.core.problem import Problem
+from credit.core.ranges import NonNegative, PositiveInt
+from credit.core.seams import Feedback
 from credit.core.streams import Stream
-from credit.core.types import NonNegative, PositiveInt
 
 
 class BlockSum(Feedback):
@@ -24,7 +25,7 @@ class BlockSum(Feedback):
         self.window = window
         self.noise = noise
 
-    def start(self, problem: SomeProblem) -> None:
+    def start(self, problem: Problem) -> None:
         """Make the noise stream."""
         self._stream = Stream(problem, "feedback", "normal", 1)
 
@@ -41,13 +42,13 @@ class Terminal(Feedback):
         window: T, steps that share one label.
     """
 
-    domain: ClassVar = "tabular"  # trajectories may end before T
-    additive: ClassVar = False
+    observations: ClassVar = "finite"  # trajectories may end before T
+    objective: ClassVar = "last"
 
     def __init__(self, window: PositiveInt = 5) -> None:
         self.window = window
 
-    def start(self, problem: SomeProblem) -> None:
+    def start(self, problem: Problem) -> None:
         """There is no noise."""
 
     def __call__(self, rewards: Tensor) -> Tensor:
@@ -62,12 +63,12 @@ class Success(Feedback):
         window: H, most steps of a trajectory.
     """
 
-    domain: ClassVar = "continuous"
+    observations: ClassVar = "vector"
 
     def __init__(self, window: PositiveInt = 300) -> None:
         self.window = window
 
-    def start(self, problem: SomeProblem) -> None:
+    def start(self, problem: Problem) -> None:
         """There is no noise."""
 
     def __call__(self, rewards: Tensor) -> Tensor:

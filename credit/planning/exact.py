@@ -2,30 +2,35 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, Protocol, runtime_checkable
 
 from torch import Tensor
 
-from credit.core.interfaces import Environment
-from credit.core.tables import TransitionModel
-from credit.core.types import Problem, Windows
-from credit.envs.exact.episodic import EpisodicEnvironment
+from credit.core.problem import Problem
+from credit.core.seams import Transition
+from credit.core.store import Windows
 
 
-class Exact(TransitionModel):
-    """P itself, told by the environment: an oracle for planners.
+@runtime_checkable
+class KnownTransitions(Protocol):
+    """Knowledge of an environment whose P is known."""
 
-    Args:
-        env: the environment.
-    """
+    def backup(self, values: Tensor) -> Tensor:
+        """Σ P(s'|s, a) v(s') [..., S, A] of values [..., S]."""
 
-    domain: ClassVar = "tabular"
+
+class Exact(Transition):
+    """P itself, told by the environment: an oracle for planners."""
+
+    observations: ClassVar = "finite"
+    actions: ClassVar = "finite"
     setting: ClassVar = "episodic"
-    needs: ClassVar = {"env": EpisodicEnvironment}
+    knows: ClassVar = KnownTransitions
     keeps: ClassVar = ()
 
-    def __init__(self, env: Environment) -> None:
-        self.env = env
+    def learn(self, knowledge: KnownTransitions) -> None:
+        """Be told P."""
+        self._known = knowledge
 
     def start(self, problem: Problem) -> None:
         """Nothing to learn."""
@@ -35,5 +40,4 @@ class Exact(TransitionModel):
 
     def backup(self, values: Tensor) -> Tensor:
         """Σ P(s'|s, a) v(s') [R, S, A]."""
-        assert isinstance(self.env, EpisodicEnvironment)
-        return self.env.mdp.backup(values).to(values.device)
+        return self._known.backup(values).to(values.device)

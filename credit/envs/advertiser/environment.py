@@ -9,7 +9,8 @@ from typing import Any
 import torch
 
 from credit.core.errors import UserError
-from credit.core.types import FLOAT, PositiveInt, Probability
+from credit.core.problem import FLOAT
+from credit.core.ranges import PositiveInt, Probability
 from credit.envs.exact.continuing import TabularEnvironment, TabularGymEnv, TabularMDP
 
 

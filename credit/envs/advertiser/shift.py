@@ -7,8 +7,10 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from credit.core.tables import TransitionTable
-from credit.core.types import FLOAT, Positive, Problem, Windows
+from credit.core.problem import FLOAT, Problem
+from credit.core.ranges import Positive
+from credit.core.seams import TransitionTable
+from credit.core.store import Windows
 from credit.planning.counts import count, require_small
 
 
@@ -24,7 +26,8 @@ class ShiftMixture(TransitionTable):
         shift_counts: pseudo-counts of each action's shift, spread evenly over the three.
     """
 
-    domain: ClassVar = "tabular"
+    observations: ClassVar = "finite"
+    actions: ClassVar = "finite"
     keeps: ClassVar = ("_counts", "_shifts")
 
     def __init__(self, pseudo_counts: Positive = 20.0, shift_counts: Positive = 1.0) -> None:
@@ -47,7 +50,7 @@ class ShiftMixture(TransitionTable):
         shift = (windows.next_states - windows.states).clamp(-1, 1) + 1
         inside = (windows.states > 0) & (windows.states < self._problem.states - 1)
         index = windows.actions * 3 + shift
-        self._shifts.flatten(1).scatter_add_(1, index.flatten(1), inside.flatten(1).to(FLOAT))
+        self._shifts.flatten(1).scatter_add_(1, index, inside.to(FLOAT))
 
     def probabilities(self) -> Tensor:
         """P̂ [R, S, A, S]."""

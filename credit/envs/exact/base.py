@@ -6,9 +6,10 @@ from abc import abstractmethod
 from typing import Any, ClassVar, Protocol
 
 import torch
+from torch import Tensor
 
-from credit.core.interfaces import Environment
-from credit.core.types import Problem
+from credit.core.problem import Problem
+from credit.core.seams import Environment
 
 
 class Sizes(Protocol):
@@ -31,7 +32,8 @@ class ExactEnvironment(Environment):
             only the oracle metrics may change).
     """
 
-    domain: ClassVar = "tabular"
+    observations: ClassVar = "finite"
+    actions: ClassVar = "finite"
 
     def __init__(self, poison: bool = False) -> None:
         self.poison = poison
@@ -44,4 +46,8 @@ class ExactEnvironment(Environment):
     def problem(self, window: int, seeds: tuple[int, ...], device: Any) -> Problem:
         """S, A, T and the seeds."""
         sizes = (self.mdp.states, self.mdp.actions, window)
-        return Problem(*sizes, tuple(seeds), torch.device(device), self.setting == "episodic")
+        return Problem.finite(*sizes, tuple(seeds), device, self.setting == "episodic")
+
+    def clock(self, problem: Problem) -> list[Tensor]:
+        """The step of every replica [R, 1] at each step of a window, made once."""
+        return list(torch.arange(problem.window, device=problem.device).repeat(problem.replicas, 1, 1).unbind(-1))

@@ -12,11 +12,12 @@ import torch
 from torch import Tensor
 
 from credit.core.errors import UserError
-from credit.core.interfaces import Act, Feedback
+from credit.core.problem import Problem
+from credit.core.seams import Act, Rollout
+from credit.core.store import Windows
 from credit.core.streams import Stream
-from credit.core.types import Problem, Windows
+from credit.core.truth import ContinuingTruth
 from credit.envs.exact.base import ExactEnvironment
-from credit.judges.exact import AverageRewardOracle
 from credit.planning import solve
 
 
@@ -93,32 +94,42 @@ class TabularEnvironment(ExactEnvironment):
         self._stream = Stream(problem, "environment", "uniform", problem.window)
         first = Stream(problem, "initial state", "uniform", 1).next()
         self._states = _invert(self._initial, first)
+        self._clock = self.clock(problem)
 
-    def collect(self, act: Act, feedback: Feedback, windows: int, steps: int) -> tuple[Windows, Tensor]:
-        """Run `act`; the feedback alone sees the true r."""
+    def run(self, act: Act, windows: int, steps: int) -> Rollout:
+        """Follow a policy from where the last window ended."""
         states, actions, arrivals = [], [], []
         now = self._states
         for _ in range(windows):
             uniform = self._stream.next().unsqueeze(-1)
             for t in range(steps):
-                action = act(now, t)
+                action = act.act(now.unsqueeze(1), self._clock[t]).squeeze(1)
                 then = (self._cumulative[now * self._actions + action] <= uniform[:, t]).sum(-1)
                 states.append(now)
                 actions.append(action)
                 arrivals.append(then)
                 now = then
         self._states = now
-        shape = (now.shape[0], windows, steps)
-        s, a, n = (torch.stack(part, dim=1).view(shape) for part in (states, actions, arrivals))
+        s, a, n = (torch.stack(part, dim=1) for part in (states, actions, arrivals))
         primitive = self._reward[s * self._actions + a]
-        labels = feedback(primitive)
-        return Windows(s, a, n, labels), primitive * torch.nan if self.poison else primitive
+        rewards = primitive.unflatten(1, (windows, steps))
+        found = Windows(s, a, n, labels=rewards[..., 0], length=steps)
+        return Rollout(found, primitive * torch.nan if self.poison else primitive, rewards)
 
-    def oracle(self, problem: Problem, feedback: Feedback) -> AverageRewardOracle:
-        """Regret, policy error and reward error against the exact MDP."""
+    def truth(self, objective: str, problem: Problem) -> ContinuingTruth:
+        """Gain and policy that are best by the average reward.
+
+        Raises:
+            UserError: labels show something else than the sum of rewards.
+        """
+        if objective != "sum":
+            raise UserError(
+                f"feedback: its objective is {objective!r}, and in a task that goes on for ever regret is known for "
+                "the sum of rewards alone; choose feedback=block_sum"
+            )
         mdp = self.mdp
         reward = mdp.reward * torch.nan if self.poison else mdp.reward
-        return AverageRewardOracle(problem, float(mdp.optimal.gain), mdp.optimal.policy, mdp.occupancy, reward)
+        return ContinuingTruth(float(mdp.optimal.gain), mdp.optimal.policy, mdp.occupancy, reward)
 
 
 def _cumulative(rows: Tensor) -> Tensor:

@@ -14,12 +14,40 @@ from torch import Tensor
 
 from credit.core.cells import Cells
 from credit.core.errors import UserError
-from credit.core.interfaces import Act, Feedback
+from credit.core.problem import FLOAT, Problem
+from credit.core.seams import Act, Rollout
+from credit.core.store import Windows
 from credit.core.streams import Stream
-from credit.core.types import FLOAT, Problem, Windows
+from credit.core.truth import EpisodicTruth
 from credit.envs.exact.base import ExactEnvironment
-from credit.judges.exact import EpisodicOracle
 from credit.planning.solve import first_best
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """P as successor lists: what an environment tells those that may know P, and nothing of rewards.
+
+    Attributes:
+        next_states: [N, W] int64, row n = s·A + a. probabilities: [N, W]. states: S.
+    """
+
+    next_states: Tensor
+    probabilities: Tensor
+    states: int
+
+    def backup(self, values: Tensor) -> Tensor:
+        """The expected next value Σ P(s'|s, a) v(s') [..., S, A] of values [..., S]."""
+        columns = values.reshape(-1, self.states).T.cpu().numpy()
+        # N × (R·S) chosen rows would be gathered at full width W; the sparse product reads each non-zero once.
+        expected = torch.from_numpy(self._sparse @ columns).T
+        return expected.reshape(*values.shape, len(self.probabilities) // self.states)
+
+    @cached_property
+    def _sparse(self) -> csr_array:
+        possible = self.probabilities > 0
+        rows = possible.nonzero()[:, 0]
+        cells = (rows.numpy(), self.next_states[possible].numpy())
+        return csr_array((self.probabilities[possible].numpy(), cells), shape=(len(possible), self.states))
 
 
 @dataclass(frozen=True)
@@ -70,12 +98,14 @@ class SuccessorMDP:
         """The expected primitive reward r(s, a) = Σ P(s'|s, a) r(s') [S, A] of a step."""
         return self.backup(self.reward_next)
 
+    @cached_property
+    def dynamics(self) -> Dynamics:
+        """P alone."""
+        return Dynamics(self.next_states, self.probabilities, self.states)
+
     def backup(self, values: Tensor) -> Tensor:
-        """The expected next value Σ P(s'|s, a) v(s') [..., S, A] of values [..., S], the same alone or in a batch."""
-        columns = values.reshape(-1, self.states).T.cpu().numpy()
-        # N × (R·S) chosen rows would be gathered at full width W; the sparse product reads each non-zero once.
-        expected = torch.from_numpy(self._sparse @ columns).T
-        return expected.reshape(*values.shape, self.actions)
+        """The expected next value Σ P(s'|s, a) v(s') [..., S, A] of values [..., S]."""
+        return self.dynamics.backup(values)
 
     def optimal(self, horizon: int, additive: bool) -> tuple[Tensor, Tensor]:
         """The best values [T+1, S] and a policy [T, S] that attains them, of ties the first action.
@@ -115,13 +145,6 @@ class SuccessorMDP:
     def _ahead(self, value: Tensor, additive: bool) -> Tensor:
         return self.backup(self.reward_next + value if additive else value)
 
-    @cached_property
-    def _sparse(self) -> csr_array:
-        possible = self.probabilities > 0
-        rows = possible.nonzero()[:, 0]
-        cells = (rows.numpy(), self.next_states[possible].numpy())
-        return csr_array((self.probabilities[possible].numpy(), cells), shape=(len(possible), self.states))
-
 
 class EpisodicEnvironment(ExactEnvironment):
     """R replicas of one exact MDP; every window starts from the initial distribution.
@@ -138,6 +161,10 @@ class EpisodicEnvironment(ExactEnvironment):
     def mdp(self) -> SuccessorMDP:
         """The exact MDP."""
 
+    def knowledge(self) -> Dynamics:
+        """P, for those that may know it."""
+        return self.mdp.dynamics
+
     def start(self, problem: Problem) -> None:
         """Make the streams of R replicas."""
         mdp = self.mdp
@@ -148,44 +175,54 @@ class EpisodicEnvironment(ExactEnvironment):
         self._initial = _cumulative(mdp.initial).to(problem.device)
         self._stream = Stream(problem, "environment", "uniform", problem.window)
         self._first = Stream(problem, "initial state", "uniform", 1)
+        self._clock = self.clock(problem)
 
-    def collect(self, act: Act, feedback: Feedback, windows: int, steps: int) -> tuple[Windows, Tensor]:
-        """Run `act` for some episodes, cut after `steps`; the feedback alone sees the true r(s')."""
+    def run(self, act: Act, windows: int, steps: int) -> Rollout:
+        """Follow a policy in some episodes, cut after `steps`."""
         states, actions, arrivals = [], [], []
         for _ in range(windows):
             now = torch.searchsorted(self._initial, self._first.next().squeeze(-1), right=True)
             uniform = self._stream.next().unsqueeze(-1)
             for t in range(steps):
-                action = act(now, t)
+                action = act.act(now.unsqueeze(1), self._clock[t]).squeeze(1)
                 row = now * self._actions + action
                 then = self._successors[row, (self._cumulative[row] <= uniform[:, t]).sum(-1)]
                 states.append(now)
                 actions.append(action)
                 arrivals.append(then)
                 now = then
-        shape = (now.shape[0], windows, steps)
-        s, a, n = (torch.stack(part, dim=1).view(shape) for part in (states, actions, arrivals))
+        s, a, n = (torch.stack(part, dim=1) for part in (states, actions, arrivals))
         primitive = self._reward[n]
-        labels = feedback(primitive)
-        return Windows(s, a, n, labels), primitive * torch.nan if self.poison else primitive
+        rewards = primitive.unflatten(1, (windows, steps))
+        found = Windows(s, a, n, labels=rewards[..., 0], length=steps)
+        return Rollout(found, primitive * torch.nan if self.poison else primitive, rewards)
 
-    def oracle(self, problem: Problem, feedback: Feedback) -> EpisodicOracle:
-        """Regret and reward error against the exact MDP, for the sum of rewards or for the last one."""
+    def truth(self, objective: str, problem: Problem) -> EpisodicTruth:
+        """Values under the start distribution, for the sum of rewards or for the last one.
+
+        Raises:
+            UserError: labels show something else.
+        """
+        if objective not in ("sum", "last"):
+            raise UserError(
+                f"feedback: its objective is {objective!r}, and exact values are known for 'sum' and 'last'; choose "
+                "another feedback, or give it the objective that it has"
+            )
+        additive = objective == "sum"
         mdp = replace(self.mdp, reward_next=self.mdp.reward_next * torch.nan) if self.poison else self.mdp
-        values, _ = mdp.optimal(problem.window, feedback.additive)
+        values, _ = mdp.optimal(problem.window, additive)
         uniform = torch.full((1, problem.window, problem.states, problem.actions), 1 / problem.actions, dtype=FLOAT)
 
-        def truth(cells: Cells) -> Tensor:
+        def reward(cells: Cells) -> Tensor:
             table = cells.known(mdp.reward, mdp.reward_next)
             counts = cells.steps(table.device).times == problem.window - 1
-            return table if feedback.additive or "step" not in cells.axes else table * counts
+            return table if additive or "step" not in cells.axes else table * counts
 
-        return EpisodicOracle(
-            problem,
+        return EpisodicTruth(
             best=float(values[0] @ mdp.initial),
-            random=float(mdp.evaluate(uniform, feedback.additive)),
-            truth=truth,
-            evaluate=partial(mdp.evaluate, additive=feedback.additive),
+            random=float(mdp.evaluate(uniform, additive)),
+            reward=reward,
+            evaluate=partial(mdp.evaluate, additive=additive),
         )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -12,15 +13,17 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from credit.core.errors import UserError
-from credit.core.interfaces import Act, Environment, Feedback
-from credit.core.trajectories import ContinuousProblem, Moves, Trajectories
-from credit.core.types import FLOAT, NonNegativeInt, Positive, PositiveInt
+from credit.core.policy import Policy
+from credit.core.problem import FLOAT, Problem
+from credit.core.ranges import NonNegativeInt, Positive, PositiveInt
+from credit.core.seams import Act, Environment, Episodes, Rollout
+from credit.core.steps import Steps
+from credit.core.store import Windows
 from credit.envs.pointmaze import minari
 from credit.envs.pointmaze.demonstrations import Demonstrations, describe, driven
 from credit.envs.pointmaze.geometry import Geometry
 from credit.envs.pointmaze.maze import Cell, Maze
-from credit.envs.pointmaze.oracle import MazeOracle
-from credit.envs.pointmaze.rounds import Round, Rounds, trajectories
+from credit.envs.pointmaze.rounds import Round, Rounds, by_replica, packed
 from credit.envs.pointmaze.task import Task
 
 OBSERVATIONS, ACTIONS = 4, 2
@@ -44,7 +47,8 @@ class PointMaze(Environment):
         poison: NaN for the primitive reward wherever a learner could read it.
     """
 
-    domain: ClassVar = "continuous"
+    observations: ClassVar = "vector"
+    actions: ClassVar = "vector"
     setting: ClassVar = "episodic"
 
     def __init__(
@@ -74,8 +78,12 @@ class PointMaze(Environment):
 
     @property
     def geometry(self) -> Geometry:
-        """What a person knows about the maze, for feature maps."""
+        """What a person knows about the maze."""
         return Geometry(self.maze, self.goal, self.cap)
+
+    def knowledge(self) -> Geometry:
+        """The map and its nominal goal, for feature maps."""
+        return self.geometry
 
     def task(self, horizon: int) -> Task:
         """From start to goal in at most H steps.
@@ -85,12 +93,12 @@ class PointMaze(Environment):
         """
         return Task(self.maze, self.begin, self.goal, horizon)
 
-    def problem(self, window: int, seeds: tuple[int, ...], device: Any) -> ContinuousProblem:
+    def problem(self, window: int, seeds: tuple[int, ...], device: Any) -> Problem:
         """Four numbers in a state, two in an action; refuses a task that cannot be done."""
         self.task(window)
-        return ContinuousProblem(OBSERVATIONS, ACTIONS, window, tuple(seeds), torch.device(device))
+        return Problem.vectors(OBSERVATIONS, ACTIONS, window, tuple(seeds), device)
 
-    def start(self, problem: ContinuousProblem) -> None:
+    def start(self, problem: Problem) -> None:
         """Read or drive the demonstrations; put all balls at rest.
 
         Raises:
@@ -104,10 +112,9 @@ class PointMaze(Environment):
         self._rounds: dict[int, Rounds] = {}  # K → what collects K trajectories of each replica
         self._evaluation = Rounds(self._task, problem, self.evaluation_episodes, "evaluation")
         self._evaluated: Round | None = None
-        self.taken = problem.zeros()
 
-    def demonstrations(self) -> tuple[Trajectories, Tensor] | None:
-        """The labelled trajectories that all methods start from, and their primitive rewards [N].
+    def demonstrations(self) -> tuple[Windows, Tensor] | None:
+        """The labelled trajectories that all methods start from, and their primitive rewards [R, n].
 
         Dense ones are by the nominal goal, since demonstrations do not say where theirs was.
         """
@@ -115,12 +122,15 @@ class PointMaze(Environment):
         if not len(drawn[0]):
             return None
         rows: TensorDictBase = torch.cat([one.rows() for one in drawn])
-        counts = torch.tensor([len(one.states) for one in drawn])
-        replica = torch.arange(len(drawn)).repeat_interleave(counts)
+        lengths = torch.stack([torch.from_numpy(one.lengths) for one in drawn])
         labels = torch.stack([torch.from_numpy(one.labels).to(FLOAT) for one in drawn])
-        found = trajectories(rows, replica, rows["collector", "traj_ids"], labels.to(self._problem.device))
-        dense = self.primitive == "dense"
-        primitive = (-self.geometry.goal_distance(found.next_states)).exp() if dense else found.terminated.to(FLOAT)
+        found = replace(packed(rows, lengths), labels=labels).to(self._problem.device)
+        if self.primitive == "dense":
+            distance = self.geometry.goal_distance(rows["next", "observation"])
+            primitive = by_replica((-distance).exp(), lengths).to(self._problem.device)
+        else:
+            assert found.terminated is not None
+            primitive = found.terminated.to(FLOAT)
         return found, self._hidden(primitive)
 
     def demonstrations_of(self, seed: int) -> Demonstrations:
@@ -138,31 +148,31 @@ class PointMaze(Environment):
         """SHA-256 of the demonstrations of each replica."""
         return {"demonstrations": [self.demonstrations_of(seed).digest for seed in self._problem.seeds]}
 
-    def collect(self, act: Act, feedback: Feedback, windows: int, steps: int) -> tuple[Trajectories, Tensor]:
-        """Some whole trajectories of each replica, and their primitive rewards [N]; the feedback sees 1 at the goal."""
+    def run(self, act: Act, windows: int, steps: int) -> Rollout:
+        """Some whole trajectories of each replica; the feedback sees 1 at the goal."""
         taken, device = self._of(windows).run(act), self._problem.device
-        self.taken += taken.lengths.sum(1).to(self.taken)
-        labels = feedback(taken.at_goal(steps).to(device))
-        found = trajectories(taken.rows, taken.replica, taken.number, labels)
-        return found, self._hidden(taken.primitive.to(device))
+        rewards = taken.at_goal(steps).to(device)
+        return Rollout(taken.windows.to(device), self._hidden(taken.primitive.to(device)), rewards)
+
+    def evaluate(self, name: str, policy: Policy) -> Episodes:
+        """One round of episodes with noise of their own; that of the behaviour policy is kept for pictures."""
+        found = self._evaluation.run(policy)
+        if name == "behaviour":
+            self._evaluated = found
+        return Episodes(found.success, found.lengths, found.success.to(FLOAT))
 
     def state_dict(self) -> dict[str, Any]:
-        """Where the noise of the balls of every purpose stands, and the steps taken: rounds start from the start."""
+        """Where the noise of the balls of every purpose stands: rounds start from the start."""
         rounds = {count: rounds.state_dict() for count, rounds in self._rounds.items()}
-        return {"rounds": rounds, "evaluation": self._evaluation.state_dict(), "taken": self.taken.cpu().clone()}
+        return {"rounds": rounds, "evaluation": self._evaluation.state_dict()}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Go on with that noise."""
         for count, rounds in state["rounds"].items():
             self._of(count).load_state_dict(rounds)
         self._evaluation.load_state_dict(state["evaluation"])
-        self.taken.copy_(state["taken"])
 
-    def oracle(self, problem: ContinuousProblem, feedback: Feedback) -> MazeOracle:
-        """Success of the policies in episodes of their own, with noise of their own."""
-        return MazeOracle(problem, self._evaluate, lambda: self.taken)
-
-    def grid(self, per_cell: int = 4) -> Moves:
+    def grid(self, per_cell: int = 4) -> Steps:
         """Where pictures look at a reward [N]: per_cell² places in each free cell from which the goal can be reached.
 
         At each the ball moves, and is pushed, towards the next cell of a shortest way. A ball at rest would look like
@@ -180,8 +190,7 @@ class PointMaze(Environment):
         )
         actions = torch.nn.functional.normalize(ways)
         states = torch.cat([places, PACE * actions], dim=1).to(self._problem.device)
-        whose = torch.zeros(len(states), dtype=torch.int64, device=states.device)
-        return Moves(states, actions.to(states.device), states, whose)
+        return Steps(states, actions.to(states.device), states)
 
     def picture(self, replica: int) -> dict[str, np.ndarray]:
         """The maze, the demonstrations of a run, and its last evaluation.
@@ -195,7 +204,7 @@ class PointMaze(Environment):
         parts = {
             "demonstrations": (shown.states, shown.lengths, shown.labels),
             "evaluation": (
-                last.rows["observation"][last.replica == replica].numpy(),
+                last.states(replica).numpy(),
                 last.lengths[replica].numpy(),
                 last.success[replica].double().numpy(),
             ),
@@ -211,13 +220,6 @@ class PointMaze(Environment):
             purpose = f"environment, {count} at once"
             self._rounds[count] = Rounds(self._task, self._problem, count, purpose, self.primitive)
         return self._rounds[count]
-
-    def _evaluate(self, name: str, act: Act) -> Round:
-        """One round of episodes with noise of their own; that of the behaviour policy is kept for pictures."""
-        found = self._evaluation.run(act)
-        if name == "behaviour":
-            self._evaluated = found
-        return found
 
     def _hidden(self, primitive: Tensor) -> Tensor:
         return torch.full_like(primitive, torch.nan) if self.poison else primitive

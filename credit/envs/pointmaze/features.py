@@ -7,45 +7,40 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from credit.core.interfaces import FeatureMap
-from credit.core.trajectories import ContinuousProblem, Moves
-from credit.envs.pointmaze.environment import PointMaze
+from credit.core.problem import Problem
+from credit.core.seams import FeatureMap
+from credit.core.steps import Steps
+from credit.envs.pointmaze.geometry import Geometry
 
 
 class _OfMaze(FeatureMap):
     """What reads a map."""
 
-    domain: ClassVar = "continuous"
-    needs: ClassVar = {"env": PointMaze}
+    observations: ClassVar = "vector"
+    actions: ClassVar = "vector"
+    knows: ClassVar = Geometry
 
-    def __init__(self, env: PointMaze) -> None:
-        self.env = env
-
-    def start(self, problem: ContinuousProblem) -> None:
+    def learn(self, knowledge: Geometry) -> None:
         """Lay out the map."""
-        self.geometry = self.env.geometry
+        self.geometry = knowledge
+
+    def start(self, problem: Problem) -> None:
+        """The map is all."""
 
 
 class MazeCells(_OfMaze):
-    """One feature a free cell, that of the state: a ridge on them is the box surrogate.
+    """One feature a free cell, that of the state: a ridge on them is the box surrogate."""
 
-    Args:
-        env: the maze; taken from the environment.
-    """
-
-    def __call__(self, steps: Moves) -> Tensor:  # type: ignore[override]
-        """One-hot rows [N, free cells], float32, in the order of `maze.free`."""
-        cells = self.geometry.cells(steps.states)
-        return torch.nn.functional.one_hot(cells, len(self.env.maze.free)).float()
+    def __call__(self, steps: Steps) -> Tensor:
+        """One-hot rows [..., free cells], bool, in the order of `maze.free`."""
+        cells = self.geometry.cells(steps.states.flatten(0, -2)).view(steps.states.shape[:-1])
+        return torch.nn.functional.one_hot(cells, len(self.geometry.maze.free)).bool()
 
 
 class MazeGeometry(_OfMaze):
-    """What a person would look at: (d_goal, n_wall, d_next_wall), the features of the heuristic surrogate (6.3).
+    """What a person would look at: (d_goal, n_wall, d_next_wall), the features of the heuristic surrogate (6.3)."""
 
-    Args:
-        env: the maze and its nominal goal; taken from the environment.
-    """
-
-    def __call__(self, steps: Moves) -> Tensor:  # type: ignore[override]
-        """Rows [N, 3], float32: distance to the goal (m), wall cells on the line to it, way to the next wall (m)."""
-        return self.geometry.features(steps.states, steps.actions).float()
+    def __call__(self, steps: Steps) -> Tensor:
+        """Rows [..., 3], float32: distance to the goal (m), wall cells on the line to it, way to the next wall (m)."""
+        states, actions = steps.states.flatten(0, -2), steps.actions.flatten(0, -2)
+        return self.geometry.features(states, actions).float().view(*steps.states.shape[:-1], 3)

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
+from credit.core.problem import FLOAT
 from credit.core.tensors import CACHED
-from credit.core.types import FLOAT
 from credit.envs.pointmaze.maze import Cell, Maze
 
 SLACK = 1e-6  # m; walls are that much smaller on every side, so that to touch a corner or a side is not to cross it

@@ -10,10 +10,10 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
-from credit.core.interfaces import Act
+from credit.core.problem import FLOAT, Problem
+from credit.core.seams import Act
 from credit.core.state import Stateful, pack, unpack
-from credit.core.trajectories import ContinuousProblem, Trajectories
-from credit.core.types import FLOAT
+from credit.core.store import Windows
 from credit.envs.pointmaze.collector import RoundCollector
 from credit.envs.pointmaze.env import PointMazeEnv
 from credit.envs.pointmaze.task import Task
@@ -24,21 +24,30 @@ class Round:
     """K trajectories of each of R replicas as flat rows, replica after replica.
 
     Attributes:
-        rows: [N] with the keys of a collector's batch. replica, number: of each row [N].
-        lengths: L [R, K]. success: whether the goal was reached [R, K]. goals: where they were [R, K, 2].
+        rows: [N] with the keys of a collector's batch. lengths: L [R, K].
+        success: whether the goal was reached [R, K]. goals: where they were [R, K, 2].
     """
 
     rows: TensorDictBase
-    replica: Tensor
-    number: Tensor
     lengths: Tensor
     success: Tensor
     goals: Tensor
 
     @property
     def primitive(self) -> Tensor:
-        """The environment's reward [N]."""
-        return self.rows["next", "reward"][:, 0].to(FLOAT)
+        """The environment's reward [R, n]."""
+        return by_replica(self.rows["next", "reward"][:, 0].to(FLOAT), self.lengths)
+
+    @property
+    def windows(self) -> Windows:
+        """The trajectories, not yet labelled."""
+        return packed(self.rows, self.lengths)
+
+    def states(self, replica: int) -> Tensor:
+        """The states of one replica [n, 4]."""
+        counts = self.lengths.sum(1)
+        first = int(counts[:replica].sum())
+        return self.rows["observation"][first : first + int(counts[replica])]
 
     def at_goal(self, horizon: int) -> Tensor:
         """1 at the goal, 0 at all other steps and behind the end, [R, K, H]."""
@@ -57,15 +66,15 @@ class Rounds(Stateful):
     def __init__(
         self,
         task: Task,
-        problem: ContinuousProblem,
+        problem: Problem,
         copies: int,
         purpose: str,
         primitive: Literal["sparse", "dense"] = "sparse",
     ) -> None:
         self._shape, self._device = (problem.replicas, copies), problem.device
         self._env = PointMazeEnv(task, problem.seeds, copies, episodes="round", reward=primitive, purpose=purpose)
-        self._act: Act = lambda states, step: torch.zeros_like(states[:, :2])  # the collector tries its policy once
-        self._step = 0
+        self._act: Act = Still()  # the collector tries its policy once
+        self._step = torch.zeros(self._shape, dtype=torch.int64, device=problem.device)
         self._collector = RoundCollector(self._env, self._policy)
 
     def state_dict(self) -> dict[str, Any]:
@@ -79,32 +88,52 @@ class Rounds(Stateful):
 
     def run(self, act: Act) -> Round:
         """One whole trajectory of each ball."""
-        self._act, self._step, first = act, 0, self._collector.next_id
+        self._act, first = act, self._collector.next_id
+        self._step.zero_()
         rows = self._collector.rollout()
         ball = rows["collector", "traj_ids"] - first
         lengths = torch.bincount(ball, minlength=len(self._env.balls))
         last = lengths.cumsum(0) - 1
         success = rows["next", "success"][last, 0]
         goals = torch.from_numpy(self._env.balls.goals.copy()).view(*self._shape, 2)
-        copies = self._shape[1]
-        return Round(rows, ball // copies, ball % copies, lengths.view(self._shape), success.view(self._shape), goals)
+        return Round(rows, lengths.view(self._shape), success.view(self._shape), goals)
 
     def _policy(self, tensordict: TensorDictBase) -> TensorDictBase:
-        actions = self._act(tensordict["observation"].to(self._device), self._step)
+        states = tensordict["observation"].to(self._device).unflatten(0, self._shape)
+        actions = self._act.act(states, self._step).flatten(0, 1)
         self._step += 1
         return tensordict.set("action", actions)
 
 
-def trajectories(rows: TensorDictBase, replica: Tensor, number: Tensor, labels: Tensor) -> Trajectories:
-    """Rows as labelled trajectories, on the device of their labels [R, K]; their reward is left behind."""
-    rows = rows.to(labels.device)
-    return Trajectories(
-        states=rows["observation"],
-        actions=rows["action"],
-        next_states=rows["next", "observation"],
-        replica=replica.to(labels.device),
-        number=number.to(labels.device),
-        final=rows["next", "done"][:, 0],
-        terminated=rows["next", "terminated"][:, 0],
-        labels=labels,
+class Still:
+    """Does nothing."""
+
+    def act(self, states: Tensor, step: Tensor) -> Tensor:
+        """No force [R, K, 2]."""
+        return torch.zeros_like(states[..., :2])
+
+
+def packed(rows: TensorDictBase, lengths: Tensor) -> Windows:
+    """Flat rows, trajectory after trajectory and replica after replica, as windows; their reward is left behind.
+
+    Args:
+        rows: [N] with the keys of a collector's batch. lengths: L [R, K].
+    """
+    count = lengths.sum(1)
+    step = torch.cat([torch.arange(n) for n in lengths.flatten().tolist()])
+    return Windows(
+        states=by_replica(rows["observation"], lengths),
+        actions=by_replica(rows["action"], lengths),
+        next_states=by_replica(rows["next", "observation"], lengths),
+        step=by_replica(step, lengths),
+        labels=torch.zeros(lengths.shape, dtype=FLOAT),
+        last=lengths.cumsum(1) - 1,
+        ended=by_replica(rows["next", "done"][:, 0], lengths),
+        terminated=by_replica(rows["next", "terminated"][:, 0], lengths),
+        count=None if bool((count == count[0]).all()) else count,
     )
+
+
+def by_replica(values: Tensor, lengths: Tensor) -> Tensor:
+    """Flat rows [N, ...] of R replicas, one behind the other, as [R, n, ...], filled up with zeros."""
+    return torch.nn.utils.rnn.pad_sequence(values.split(lengths.sum(1).tolist()), batch_first=True)

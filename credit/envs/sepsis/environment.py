@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from typing import Annotated, Any
@@ -13,8 +14,9 @@ from torch import Tensor
 
 from credit.core.cells import Cells
 from credit.core.errors import UserError
-from credit.core.types import FLOAT, Probability
-from credit.envs.exact.episodic import EpisodicEnvironment, EpisodicGymEnv, SuccessorMDP
+from credit.core.problem import FLOAT
+from credit.core.ranges import Probability
+from credit.envs.exact.episodic import Dynamics, EpisodicEnvironment, EpisodicGymEnv, SuccessorMDP
 
 # A state (25) is the number with these digits, most significant first; vitals are low, normal, high = 0, 1, 2. An
 # action is the number of the three treatment digits alone: antibiotics·4 + vasopressors·2 + ventilator.
@@ -61,6 +63,11 @@ def reward(states: Tensor) -> Tensor:
     """r_true(s') [...] (26): +1 healthy and off treatment, −1 with three or more abnormal, else 0."""
     wrong, treated = abnormal(states), treatments(states)
     return ((wrong == 0) & (treated == 0)).to(FLOAT) - (wrong >= 3).to(FLOAT)
+
+
+@dataclass(frozen=True)
+class Patients(Dynamics):
+    """P of the simulator, whose states are patients: the digits of `RADIX`; whoever knows it may `decode` them."""
 
 
 class Sepsis(EpisodicEnvironment):
@@ -150,6 +157,11 @@ class Sepsis(EpisodicEnvironment):
             _moves({(1, 0): fall, (2, 1): fall}) for fall in (vasopressors_withdrawn, vasopressors_withdrawn_diabetes)
         )
         self._vasopressors_glucose = (STAY, _moves({(0, 1): vasopressors_glucose, (1, 2): vasopressors_glucose}))
+
+    def knowledge(self) -> Patients:
+        """P, and that states are patients."""
+        known = self.mdp.dynamics
+        return Patients(known.next_states, known.probabilities, known.states)
 
     @cached_property
     def mdp(self) -> SuccessorMDP:

@@ -8,8 +8,10 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from credit.core.types import FLOAT, Positive, Probability, Problem, Windows
-from credit.envs.sepsis.environment import ACTIONS, STATES, decode
+from credit.core.problem import FLOAT, Problem
+from credit.core.ranges import Positive, Probability
+from credit.core.store import Windows
+from credit.envs.sepsis.environment import ACTIONS, STATES, Patients, decode
 from credit.planning.counts import ObservedCounts
 
 VITALS, LEVELS, TREATMENTS = 4, 3, 8
@@ -32,7 +34,10 @@ class FactoredMixture(ObservedCounts):
             little, as a self-loop would; spread evenly alone, an untried treatment looks dangerous and stays untried.
     """
 
-    domain: ClassVar = "tabular"
+    observations: ClassVar = "finite"
+    actions: ClassVar = "finite"
+
+    knows: ClassVar = Patients
 
     def __init__(self, pseudo_counts: Positive = 2.0, level_counts: Positive = 1.0, inertia: Probability = 0.9) -> None:
         self.pseudo_counts = pseudo_counts
@@ -53,7 +58,6 @@ class FactoredMixture(ObservedCounts):
         context = (now[..., 0] * TREATMENTS + treatments) * ACTIONS + windows.actions
         for vital in range(VITALS):
             index = (context * LEVELS + now[..., 1 + vital]) * LEVELS + then[..., 1 + vital]
-            index = index.flatten(1)
             self._moves[:, vital].flatten(1).scatter_add_(1, index, torch.ones_like(index, dtype=FLOAT))
         self._joint = self._pairs_of_vitals()
 

@@ -1,66 +1,58 @@
-"""What a policy is worth in a maze: how often it reaches the goal, in episodes that are never learned from."""
+"""What a policy is worth by trial: how often it succeeds, in episodes that are never learned from."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, ClassVar
+from collections.abc import Mapping
+from typing import ClassVar
 
 import torch
 from torch import Tensor
 
-from credit.core.cells import Cells
-from credit.core.continuous import ContinuousProblem, StepBelief
-from credit.core.interfaces import Act, Optimizer
-from credit.core.state import Stateful
-from credit.core.types import Belief
-from credit.envs.pointmaze.rounds import Round
+from credit.core.belief import Belief
+from credit.core.policy import Policy
+from credit.core.problem import Problem
+from credit.core.seams import Agent, Environment, Judge
+from credit.core.store import Windows
 from credit.judges.exact import trust_metrics
 
 SUMMARY = ("auc", "final", "learned", "lost")
 GOOD, BAD, LAST = 0.9, 0.6, 4  # a seed has learned at GOOD; below BAD it has lost it again; the end is LAST rounds
 
 
-class MazeOracle(Stateful):
-    """Metrics of a maze: success of each policy, now, on average over the rounds, at the end, and lost again.
+class Rollouts(Judge):
+    """Success of each policy in episodes of its own: now, on average over the rounds, at the end, and lost again.
 
     Args:
         problem: sizes.
-        evaluate: a policy's name and the policy → a round of episodes.
-        taken: steps of each replica so far [R].
+        env: where policies are evaluated.
     """
 
-    keeps: ClassVar = ("_labels", "_windows", "_rounds", "_collected")
+    metric: ClassVar = "eval/success"
+    higher_is_better: ClassVar = True
+    keeps: ClassVar = ("_labels", "_windows", "_rounds", "_collected", "_taken")
 
-    def __init__(
-        self,
-        problem: ContinuousProblem,
-        evaluate: Callable[[str, Act], Round],
-        taken: Callable[[], Tensor],
-    ) -> None:
-        self._problem, self._evaluate, self._taken = problem, evaluate, taken
+    def __init__(self, problem: Problem, env: Environment) -> None:
+        self._env, self._taken = env, problem.zeros()
         self._labels, self._windows = problem.zeros(), 0
         self._rounds: dict[str, list[Tensor]] = {}  # success of each policy after each round
         self._collected = False
 
-    def truth(self, cells: Cells) -> Tensor:
-        """There is no table of true rewards."""
-        raise NotImplementedError
-
-    def update(self, primitive: Tensor, labels: Tensor | None, optimizer: Optimizer) -> None:
-        """Count trajectories with labels [R, K]."""
-        if labels is not None:
-            self._labels, self._windows = self._labels + labels.sum(1), self._windows + labels.shape[1]
+    def update(self, windows: Windows, primitive: Tensor, agent: Agent, complete: bool = True) -> None:
+        """Count episodes and their steps."""
+        self._taken = self._taken + windows.lengths.sum(1)
+        if complete:
+            self._labels, self._windows = self._labels + windows.labels.sum(1), self._windows + windows.labels.shape[1]
             self._collected = True
 
-    def metrics(self, policies: dict[str, Any], recovery: Belief | None) -> dict[str, Tensor]:
+    def measure(self, policies: Mapping[str, Policy], belief: Belief | None) -> dict[str, Tensor]:
         """Metric → [R]; each call evaluates every policy anew. `return/label` is the mean since the last call."""
         unknown = torch.full_like(self._labels, torch.nan)
-        values = {"collect/steps": self._taken().clone()}
+        values = {"collect/steps": self._taken.clone()}
         values["return/label"] = self._labels / self._windows if self._windows else unknown
         self._labels, self._windows = torch.zeros_like(self._labels), 0
         for name, policy in policies.items():
             after = "" if name == "behaviour" else f"_{name}"
-            found = self._evaluate(name, policy)
+            found = self._env.evaluate(name, policy)
             success, length = (part.to(self._labels).mean(1) for part in (found.success, found.lengths))
             values[f"eval/success{after}"], values[f"eval/length{after}"] = success, length
             rounds = self._rounds.setdefault(name, [])
@@ -68,10 +60,7 @@ class MazeOracle(Stateful):
                 rounds.append(success)
             summary = of_rounds(torch.stack(rounds)) if rounds else dict.fromkeys(SUMMARY, unknown)
             values |= {f"eval/{what}{after}": value for what, value in summary.items()}
-        if isinstance(recovery, StepBelief):
-            each = [trust_metrics(recovery.of(replica)) for replica in range(self._problem.replicas)]
-            values |= {name: torch.cat([one[name] for one in each]) for name in each[0]}
-        return values
+        return values if belief is None else values | trust_metrics(belief)
 
 
 def of_rounds(success: Tensor) -> dict[str, Tensor]:
