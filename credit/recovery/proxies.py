@@ -21,9 +21,13 @@ def _spread(draws: Tensor, ddof: int) -> Tensor:
 
 def gap(reference: Estimate, surrogate: Estimate) -> Tensor:
     """Δ̂² of a surrogate [R, N]: the mean over common draws of the squared gap (9); without, that of the fits (7)."""
-    if reference.draws is None or surrogate.draws is None:
+    if not _drawn(reference) or not _drawn(surrogate):
         return (reference.mean - surrogate.mean).square()
     return by_replica(lambda a, b: (a - b).square_().mean(1), reference.draws, surrogate.draws)
+
+
+def _drawn(estimate: Estimate) -> bool:
+    return estimate.draws is not None and estimate.draws.shape[1] > 0
 
 
 def mse_proxies(variance: Tensor, disagreement: Tensor) -> Tensor:

@@ -183,7 +183,7 @@ class LinearModel(RidgeModel):
         variance = self.uncertainty.variance(
             draws, lambda: self._leverage(phi) if leverage is None else leverage, self.residual
         )
-        return Estimate(values[:, 0], variance, draws if draws.shape[1] else None)
+        return Estimate(values[:, 0], variance, draws)
 
     def _rows(self, phi: Tensor, theta: Tensor, inverse: Tensor) -> Tensor:
         """Predictions of all fits [r, F, n], and behind them φᵀV⁻¹φ [r, 1, n]; single steps are many."""
