@@ -18,6 +18,7 @@ from credit.agents.sac.networks import extract_actor
 from credit.bench import peers
 from credit.bench.measure import Row, taken_in_turns
 from credit.bench.relabel import relabelling
+from credit.core.problem import Problem
 from credit.envs.pointmaze.collector import RoundCollector
 from credit.envs.pointmaze.env import PointMazeEnv
 from credit.envs.pointmaze.maze import Maze
@@ -83,10 +84,9 @@ def learner(seeds: Sequence[int], **keys: Any) -> Callable[[], object]:
     """Our updates on the rows that the others get."""
     sac = Learner(learning_rate=peers.RATE, **keys)
     sac.make(4, 2, tuple(seeds))
-    replay = sac.replay(len(seeds) * peers.ROWS)
-    rows = peers.transitions()
-    for r in range(len(seeds)):
-        replay.extend(rows, torch.full((peers.ROWS,), r))
+    problem = Problem.vectors(4, 2, peers.LENGTH, tuple(seeds))
+    replay, rows = sac.replay(problem), peers.transitions()
+    replay.relabel(peers.windows(rows, len(seeds)), rows["next", "reward"][:, 0].expand(len(seeds), -1))
     return partial(sac.fit, replay, peers.UPDATES)
 
 

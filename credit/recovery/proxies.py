@@ -21,13 +21,10 @@ def _spread(draws: Tensor, ddof: int) -> Tensor:
 
 def gap(reference: Estimate, surrogate: Estimate) -> Tensor:
     """Δ̂² of a surrogate [R, N]: the mean over common draws of the squared gap (9); without, that of the fits (7)."""
-    if not _drawn(reference) or not _drawn(surrogate):
+    first, second = reference.draws, surrogate.draws
+    if first is None or second is None or not first.shape[1]:
         return (reference.mean - surrogate.mean).square()
-    return by_replica(lambda a, b: (a - b).square_().mean(1), reference.draws, surrogate.draws)
-
-
-def _drawn(estimate: Estimate) -> bool:
-    return estimate.draws is not None and estimate.draws.shape[1] > 0
+    return by_replica(lambda a, b: (a - b).square_().mean(1), first, second)
 
 
 def mse_proxies(variance: Tensor, disagreement: Tensor) -> Tensor:

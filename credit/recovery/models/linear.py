@@ -74,6 +74,7 @@ class LinearModel(RidgeModel):
             )
         self._problem, self._last = problem, problem.window - 1
         self.features.start(problem)
+        self.uncertainty.start(problem)
         self._tabular, self._look = places.cells is not None, places.look(self._phi)
         self._shape = (problem.replicas, 1 + self.uncertainty.draws, self._phi(problem.blank()).shape[-1])
         self._reset()
