@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC
 from collections.abc import Mapping
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from credit.core.state import Stateful
 
@@ -28,3 +28,6 @@ class Component(Stateful, ABC):
     needs: ClassVar[Mapping[str, type]] = {}
     knows: ClassVar[type | None] = None
     sees_primitive: ClassVar[bool] = False
+
+    def learn(self, knowledge: Any) -> None:
+        """Take what the environment knows, an instance of `knows`; called before `start`, where `knows` is set."""
