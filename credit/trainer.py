@@ -19,7 +19,7 @@ from credit.core.ranges import NonNegativeInt, PositiveInt
 from credit.core.seams import Agent, CreditAssigner, Environment, Feedback
 from credit.core.store import Store, Windows
 from credit.envs.collect import Collector
-from credit.judges import judge
+from credit.judges.choose import judge
 
 Log = Callable[[int, dict[str, Tensor]], None]
 
@@ -96,13 +96,14 @@ class Trainer(Component):
         roots = {"feedback": self.feedback, "assigner": self.assigner, "optimizer": self.optimizer}
         require(roots, self.problem)
         self.env.start(self.problem)
-        inform(roots, self.env.knowledge())
+        parts = [part for name, root in roots.items() for _, part in parts_of(root, name)]
+        inform(parts, self.env.knowledge(), type(self.env).__name__)
         for part in (self.feedback, self.assigner, self.optimizer, self._explorer):
             part.start(self.problem)
         self.collector = Collector(self.env, self.feedback, self.problem)
-        self.judge = judge(self.env, self.feedback, self.problem)
+        self.judge = judge(self.env, self.feedback, self.problem, self.collector.evaluation)
         self.store = Store(self.problem, self.steps if self.problem.tabular else 0)
-        self._shows_primitive = any(part.sees_primitive for root in roots.values() for _, part in parts_of(root))
+        self._shows_primitive = any(part.sees_primitive for part in parts)
         self.rounds = 0  # that were learned from
         self.collected = 0  # windows of each replica, without demonstrations
 

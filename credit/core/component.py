@@ -30,4 +30,4 @@ class Component(Stateful, ABC):
     sees_primitive: ClassVar[bool] = False
 
     def learn(self, knowledge: Any) -> None:
-        """Take what the environment tells, an instance of `knows`; called before `start`."""
+        """Take what the environment knows, an instance of `knows`; called before `start`, where `knows` is set."""

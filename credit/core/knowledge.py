@@ -1,33 +1,45 @@
-"""What an environment tells those that ask for it by name; nobody else, and never the environment itself."""
+"""What environments tell components that ask for it by name, so that no component is ever given the environment."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 
-from credit.core.capabilities import parts_of
+from torch import Tensor
+
 from credit.core.component import Component
 from credit.core.errors import UserError
 
 
-def inform(roots: Mapping[str, Component], knowledge: Any) -> None:
-    """Give every part that `knows` something what the environment tells.
+@dataclass(frozen=True)
+class KnownTransitions:
+    """P itself: for oracles of planners.
+
+    Attributes:
+        backup: values [..., S] → Σ P(s'|s, a) v(s') [..., S, A].
+    """
+
+    backup: Callable[[Tensor], Tensor]
+
+
+def inform(parts: Iterable[Component], knowledge: object, environment: str = "this environment") -> None:
+    """Give every component that knows something the knowledge that it asks for; before it is started.
+
+    Args:
+        parts: components, as `parts_of` finds them. knowledge: what the environment gives, None for nothing.
+        environment: what messages call it.
 
     Raises:
-        UserError: the environment tells something else, or nothing.
+        UserError: a component knows another environment.
     """
-    lines = []
-    for name, root in roots.items():
-        for path, part in parts_of(root, name):
-            if part.knows is None:
-                continue
-            if isinstance(knowledge, part.knows):
-                part.learn(knowledge)
-                continue
-            told = f"tells {type(knowledge).__name__}" if knowledge is not None else "tells nothing"
-            lines.append(
-                f"{path}: {type(part).__name__} is made for environments that tell {part.knows.__name__}, and this one "
-                f"{told}; choose another one, or another env"
+    for part in parts:
+        wanted = part.knows
+        if wanted is None:
+            continue
+        if not isinstance(knowledge, wanted):
+            given = "nothing" if knowledge is None else f"{type(knowledge).__name__}"
+            raise UserError(
+                f"{type(part).__name__} needs {wanted.__name__}, and {environment} gives {given}: it is made for "
+                "another environment; choose another component in its place, or the environment that it knows"
             )
-    if lines:
-        raise UserError("\n".join(lines))
+        part.learn(knowledge)

@@ -7,6 +7,7 @@ whether parts fit together without building any of them.
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol
@@ -23,7 +24,7 @@ from credit.core.state import Stateful
 from credit.core.steps import Steps
 from credit.core.store import Store, Windows
 from credit.core.tensors import matvec
-from credit.core.truth import ContinuingTruth, EpisodicTruth
+from credit.core.truth import Truth
 
 Objective = Literal["sum", "last"]  # what a label is about: all rewards of a window together, or its last one
 
@@ -33,10 +34,14 @@ class Feedback(Component):
 
     Attributes:
         window: T, most steps of a window. objective: what it asks for, so that a judge knows what to judge.
+        reads: a fact of the environment that it is shown instead of the reward, where the environment tells it.
+        whole: whether it needs windows of T steps; environments whose episodes may end before are refused.
     """
 
     window: int
     objective: ClassVar[Objective | str] = "sum"
+    reads: ClassVar[str | None] = None
+    whole: ClassVar[bool] = False
 
     @abstractmethod
     def start(self, problem: Problem) -> None:
@@ -282,6 +287,23 @@ class TransitionTable(Transition):
         return matvec(probabilities.flatten(1, 2), values).view(probabilities.shape[:-1])
 
 
+class Transitions(NamedTuple):
+    """What a step of K copies of each of R replicas led to.
+
+    Attributes:
+        states: s' [R, K, ...], before any new episode begins. rewards: the primitive r [R, K], float64.
+        terminated: whether nothing lies behind s' [R, K]. truncated: whether the episode ends for another reason
+            [R, K]. None where nothing ends before the window does.
+        facts: name → tensor [R, K, ...], what feedback may read and evaluations keep (`success`, …); never a learner.
+    """
+
+    states: Tensor
+    rewards: Tensor
+    terminated: Tensor | None = None
+    truncated: Tensor | None = None
+    facts: Mapping[str, Tensor] = {}
+
+
 class Act(Protocol):
     """Whatever acts: a policy, or an agent that explores."""
 
@@ -289,68 +311,66 @@ class Act(Protocol):
         """Actions of K copies of each replica [R, K, ...], as `Policy.act` has them."""
 
 
-class Rollout(NamedTuple):
-    """What an environment's run came to, before anybody has labelled it.
-
-    Attributes:
-        windows: the steps; their labels mean nothing yet. primitive: r of every row [R, n], for judges and oracles.
-        rewards: what the feedback sees [R, K, T], 0 behind the end of a shorter window.
-    """
-
-    windows: Windows
-    primitive: Tensor
-    rewards: Tensor
-
-
-class Episodes(NamedTuple):
-    """How K episodes of each replica ended: success [R, K], lengths [R, K], and the sum of rewards [R, K]."""
-
-    success: Tensor
-    lengths: Tensor
-    returns: Tensor
-
-
 class Environment(Component):
-    """Where steps happen: R replicas, side by side.
+    """Where steps happen: K copies of each of R replicas, stepped together.
 
     Its primitive reward reaches the collector alone, which hands it to feedback and judge. Components that need to
-    know more than the problem get `knowledge()`.
+    know more than the problem get `knowledge()`. An environment need have no more than `problem`, `start`, `reset` and
+    `step`.
 
+    Attributes:
+        copies: K, how many episodes of a replica run at once; None for as many as are collected. It is 1 where the
+            task goes on for ever.
+        ends_early: whether an episode may end before its window does; else every window has T steps.
+        evaluation_episodes: of each replica, in each evaluation by rollouts.
     """
+
+    copies: int | None = None
+    ends_early: ClassVar[bool] = True
+    evaluation_episodes: int = 20
 
     @abstractmethod
     def problem(self, window: int, seeds: tuple[int, ...], device: torch.device | str) -> Problem:
-        """What a learner may know.
+        """What a learner may know; other spaces than `Discrete` and `Box` by the encoders of `credit.envs.spaces`.
 
         Raises:
             UserError: no such task.
         """
 
     @abstractmethod
-    def start(self, problem: Problem) -> None:
-        """Put R replicas into their initial states."""
-
-    @abstractmethod
-    def run(self, act: Act, windows: int, steps: int) -> Rollout:
-        """Follow a policy for some windows of at most `steps` steps."""
-
-    def evaluate(self, name: str, policy: Policy) -> Episodes:
-        """Episodes that nobody learns from, with random numbers of their own, for a judge by rollouts.
+    def start(self, problem: Problem, copies: int = 1, purpose: str = "environment") -> None:
+        """Make K copies of each of R replicas, all state anew.
 
         Args:
-            name: of the policy. policy: what is followed.
+            problem: sizes, seeds, device. copies: K.
+            purpose: what they are for; copies with another purpose meet other random numbers.
         """
-        raise NotImplementedError(f"{type(self).__name__} is judged by its truth")
+
+    @abstractmethod
+    def reset(self, mask: Tensor | None = None) -> Tensor:
+        """Begin an episode in the copies of the mask [R, K], None for all; the states of all copies [R, K, ...]."""
+
+    @abstractmethod
+    def step(self, actions: Tensor, mask: Tensor | None = None) -> Transitions:
+        """Act in the copies of the mask [R, K], None for all; the others stay as they are.
+
+        Args:
+            actions: [R, K, ...] as the problem's action space has them.
+        """
+
+    def twin(self) -> Environment:
+        """Another of the same that shares no state with this one, to be started."""
+        return copy.deepcopy(self)
 
     def knowledge(self) -> Any:
         """What is known of this environment beside the problem, for components that ask for it: a frozen record."""
         return None
 
-    def truth(self, objective: str, problem: Problem) -> ContinuingTruth | EpisodicTruth | None:
-        """What an exact judge judges by, where P and r are known; None: it is judged by rollouts.
+    def truth(self, objective: str, window: int) -> Truth | None:
+        """What an exact judge judges by, where P and r are known; None: judge by rollouts.
 
         Raises:
-            UserError: no such objective can be judged.
+            UserError: P and r are known, but not what this objective comes to.
         """
         return None
 
@@ -379,6 +399,27 @@ class Environment(Component):
         return {}
 
 
+class Evaluated(NamedTuple):
+    """Episodes that were only looked at.
+
+    Attributes:
+        windows: K episodes of each replica; the labels are their returns. primitive: r [R, n].
+        facts: name → [R, K, ...], what the environment said of each episode's last step.
+    """
+
+    windows: Windows
+    primitive: Tensor
+    facts: dict[str, Tensor]
+
+
+class Evaluation(Stateful, ABC):
+    """Episodes with copies and random numbers of their own, from which nobody learns."""
+
+    @abstractmethod
+    def __call__(self, policy: Policy) -> Evaluated:
+        """Some whole episodes of each replica."""
+
+
 class Judge(Component):
     """What says how good a policy is, by truth or by rollouts of its own.
 
@@ -397,6 +438,10 @@ class Judge(Component):
     def measure(self, policies: Mapping[str, Policy], belief: Belief | None) -> dict[str, Tensor]:
         """Metric → [R]."""
 
-    def truth(self, cells: Cells) -> Tensor:
-        """The true reward [N] of cells; NaN where they cannot express it, or nobody knows."""
-        return torch.full((cells.count,), torch.nan, dtype=torch.float64)
+    def truth(self, cells: Cells) -> Tensor | None:
+        """The true reward [N] of cells, NaN where they cannot express it; None where nobody knows."""
+        return None
+
+    def picture(self, replica: int) -> dict[str, Any]:
+        """Name → array: what it saw last, for pictures of a run; nothing by default."""
+        return {}

@@ -1,4 +1,4 @@
-"""What an exact judge judges by: P and r are known, and so is what the best policy is worth."""
+"""What is true of an environment whose P and r are known: what exact judges judge by, and nobody else sees."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from credit.core.cells import Cells
 
 @dataclass(frozen=True)
 class ContinuingTruth:
-    """Of a task that goes on for ever, by the average reward.
+    """Of a task that goes on for ever, judged by its average reward (42).
 
     Attributes:
-        gain: g*, reward a step. policy: π* [S]. occupancy: its stationary distribution [S]. reward: r(s, a) [S, A].
+        gain: g*, reward a step. policy: π* [S]. occupancy: its stationary distribution [S]. reward: r [S, A].
     """
 
     gain: float
@@ -26,15 +26,18 @@ class ContinuingTruth:
 
 @dataclass(frozen=True)
 class EpisodicTruth:
-    """Of a task of T steps, for the objective that the labels show, under the start distribution.
+    """Of episodes of T steps, for one objective of the label.
 
     Attributes:
-        best: V*. random: V of uniform actions.
-        reward: cells → the reward [N] that the label shows; NaN where cells cannot say it.
-        evaluate: actions [R, T, S], or probabilities [R, T, S, A] → values [R].
+        best: V*, under the start distribution. random: V of uniform actions.
+        table: cells → the reward [N] that the label shows; NaN where they cannot express it.
+        evaluate: policies, actions [R, T, S] or probabilities [R, T, S, A] → their values [R].
     """
 
     best: float
     random: float
-    reward: Callable[[Cells], Tensor]
+    table: Callable[[Cells], Tensor]
     evaluate: Callable[[Tensor], Tensor]
+
+
+Truth = ContinuingTruth | EpisodicTruth

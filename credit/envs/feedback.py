@@ -42,8 +42,8 @@ class Terminal(Feedback):
         window: T, steps that share one label.
     """
 
-    observations: ClassVar = "finite"  # trajectories may end before T
     objective: ClassVar = "last"
+    whole: ClassVar = True
 
     def __init__(self, window: PositiveInt = 5) -> None:
         self.window = window
@@ -57,13 +57,17 @@ class Terminal(Feedback):
 
 
 class Success(Feedback):
-    """Whether the goal was reached, one bit for a whole trajectory (27); rewards are 1 there and 0 before.
+    """Whether the goal was reached, one bit for a whole episode (27).
+
+    The environment says whether a step is a success (the fact `success`), or its reward is positive where it is one.
 
     Args:
-        window: H, most steps of a trajectory.
+        window: H, most steps of an episode.
     """
 
-    observations: ClassVar = "vector"
+    setting: ClassVar = "episodic"
+    objective: ClassVar = "success"
+    reads: ClassVar = "success"
 
     def __init__(self, window: PositiveInt = 300) -> None:
         self.window = window
@@ -72,5 +76,5 @@ class Success(Feedback):
         """There is no noise."""
 
     def __call__(self, rewards: Tensor) -> Tensor:
-        """Y = 1 if any reward of a trajectory [R, K, T] is positive, else 0."""
+        """Y = 1 if any reward of an episode [R, K, T] is positive, else 0."""
         return (rewards > 0).any(-1).to(rewards.dtype)

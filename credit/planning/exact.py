@@ -2,42 +2,44 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import ClassVar
 
 from torch import Tensor
 
+from credit.core.errors import UserError
+from credit.core.knowledge import KnownTransitions
 from credit.core.problem import Problem
 from credit.core.seams import Transition
 from credit.core.store import Windows
 
 
-@runtime_checkable
-class KnownTransitions(Protocol):
-    """Knowledge of an environment whose P is known."""
-
-    def backup(self, values: Tensor) -> Tensor:
-        """Σ P(s'|s, a) v(s') [..., S, A] of values [..., S]."""
-
-
 class Exact(Transition):
-    """P itself, told by the environment: an oracle for planners."""
+    """P itself, as the environment knows it: an oracle for planners."""
 
     observations: ClassVar = "finite"
     actions: ClassVar = "finite"
     setting: ClassVar = "episodic"
     knows: ClassVar = KnownTransitions
     keeps: ClassVar = ()
+    _known: KnownTransitions | None = None
 
     def learn(self, knowledge: KnownTransitions) -> None:
-        """Be told P."""
+        """Take P."""
         self._known = knowledge
 
     def start(self, problem: Problem) -> None:
-        """Nothing to learn."""
+        """Nothing to estimate.
+
+        Raises:
+            UserError: nobody told it P.
+        """
+        if self._known is None:
+            raise UserError("transition=exact knows nothing yet: call learn(env.knowledge()) before start")
 
     def observe(self, windows: Windows) -> None:
-        """Nothing to learn."""
+        """Nothing to estimate."""
 
     def backup(self, values: Tensor) -> Tensor:
         """Σ P(s'|s, a) v(s') [R, S, A]."""
+        assert self._known is not None
         return self._known.backup(values).to(values.device)

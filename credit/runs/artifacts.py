@@ -64,11 +64,13 @@ class Recorder(Stateful):
             policy = tabulate(trainer.optimizer.policies()["behaviour"], trainer.problem)
             truth, summary = trainer.judge.truth(belief.cells), trainer.env.summary(belief.cells)
             assert policy is not None
+            assert truth is not None
             found["recovery.npz"] = recovery_arrays(replica, trainer.store.windows, belief, truth, policy, summary)
         if self._grid is not None and self._rounds:
             found["recovery.npz"] = grid_arrays(replica, self._grid, self._rounds)
         if not trainer.problem.tabular:
-            found["trajectories.npz"] = trainer.env.picture(replica) | online_arrays(replica, trainer)
+            seen = trainer.env.picture(replica) | trainer.judge.picture(replica)
+            found["trajectories.npz"] = seen | online_arrays(replica, trainer)
         return found
 
 

@@ -88,7 +88,7 @@ def compute(output: Path, only: str) -> None:
         given = [*_kept(overrides), "seed=1000", "replicas=2", "tracking=none", f"output={output}"]
         try:
             result = credit.run(given)
-        except credit.UserError as error:
+        except ValueError as error:  # a UserError, wherever that is
             found[name] = f"refused: {str(error).splitlines()[0]}"
             continue
         found[name] = result.error or [str(folder) for folder in result.folders]

@@ -11,6 +11,7 @@ from credit.core.problem import FLOAT, Problem
 from credit.core.ranges import Positive
 from credit.core.seams import TransitionTable
 from credit.core.store import Windows
+from credit.envs.advertiser.environment import LineKnowledge
 from credit.planning.counts import count, require_small
 
 
@@ -28,6 +29,7 @@ class ShiftMixture(TransitionTable):
 
     observations: ClassVar = "finite"
     actions: ClassVar = "finite"
+    knows: ClassVar = LineKnowledge
     keeps: ClassVar = ("_counts", "_shifts")
 
     def __init__(self, pseudo_counts: Positive = 20.0, shift_counts: Positive = 1.0) -> None:
@@ -50,7 +52,7 @@ class ShiftMixture(TransitionTable):
         shift = (windows.next_states - windows.states).clamp(-1, 1) + 1
         inside = (windows.states > 0) & (windows.states < self._problem.states - 1)
         index = windows.actions * 3 + shift
-        self._shifts.flatten(1).scatter_add_(1, index, inside.to(FLOAT))
+        self._shifts.flatten(1).scatter_add_(1, index.flatten(1), inside.flatten(1).to(FLOAT))
 
     def probabilities(self) -> Tensor:
         """P̂ [R, S, A, S]."""

@@ -1,4 +1,4 @@
-"""Exact tabular MDPs: what is true about one, R replicas of it side by side, and a Gymnasium face."""
+"""Exact tabular MDPs: what is true about one, copies of it side by side, and a Gymnasium face."""
 
 from __future__ import annotations
 
@@ -13,11 +13,8 @@ from torch import Tensor
 
 from credit.core.errors import UserError
 from credit.core.problem import Problem
-from credit.core.seams import Act, Rollout
-from credit.core.store import Windows
-from credit.core.streams import Stream
 from credit.core.truth import ContinuingTruth
-from credit.envs.exact.base import ExactEnvironment
+from credit.envs.exact.base import ExactEnvironment, cumulative
 from credit.planning import solve
 
 
@@ -53,6 +50,10 @@ class TabularMDP:
         """A."""
         return self.transition.shape[1]
 
+    def backup(self, values: Tensor) -> Tensor:
+        """The expected next value Σ P(s'|s, a) v(s') [..., S, A] of values [..., S]."""
+        return torch.einsum("sat,...t->...sa", self.transition, values)
+
     @cached_property
     def optimal(self) -> solve.Plan:
         """g*, h*, π* and action values of the average-reward criterion (42), without the replica dimension."""
@@ -70,76 +71,37 @@ class TabularMDP:
 
 
 class TabularEnvironment(ExactEnvironment):
-    """R replicas of one exact continuing MDP.
-
-    Args:
-        poison: replace the primitive reward by NaN wherever a learner could read it.
-    """
+    """Copies of one exact continuing MDP."""
 
     setting: ClassVar = "continuing"
-    keeps: ClassVar = ("_stream", "_states")
 
     @property
     @abstractmethod
     def mdp(self) -> TabularMDP:
         """The exact MDP."""
 
-    def start(self, problem: Problem) -> None:
-        """Draw the initial states."""
-        mdp = self.mdp
-        self._actions = problem.actions
-        self._reward = mdp.reward.flatten().to(problem.device)
-        self._cumulative = _cumulative(mdp.transition.flatten(0, 1)).to(problem.device)
-        self._initial = _cumulative(mdp.initial).to(problem.device)
-        self._stream = Stream(problem, "environment", "uniform", problem.window)
-        first = Stream(problem, "initial state", "uniform", 1).next()
-        self._states = _invert(self._initial, first)
-        self._clock = self.clock(problem)
+    def start(self, problem: Problem, copies: int = 1, purpose: str = "environment") -> None:
+        """Make the streams of K copies of R replicas."""
+        super().start(problem, copies, purpose)
+        self._reward = self.mdp.reward.flatten().to(problem.device)
+        self._cumulative = cumulative(self.mdp.transition.flatten(0, 1)).to(problem.device)
 
-    def run(self, act: Act, windows: int, steps: int) -> Rollout:
-        """Follow a policy from where the last window ended."""
-        states, actions, arrivals = [], [], []
-        now = self._states
-        for _ in range(windows):
-            uniform = self._stream.next().unsqueeze(-1)
-            for t in range(steps):
-                action = act.act(now.unsqueeze(1), self._clock[t]).squeeze(1)
-                then = (self._cumulative[now * self._actions + action] <= uniform[:, t]).sum(-1)
-                states.append(now)
-                actions.append(action)
-                arrivals.append(then)
-                now = then
-        self._states = now
-        s, a, n = (torch.stack(part, dim=1) for part in (states, actions, arrivals))
-        primitive = self._reward[s * self._actions + a]
-        rewards = primitive.unflatten(1, (windows, steps))
-        found = Windows(s, a, n, labels=rewards[..., 0], length=steps)
-        return Rollout(found, primitive * torch.nan if self.poison else primitive, rewards)
+    def _draw(self, row: Tensor, uniform: Tensor) -> tuple[Tensor, Tensor]:
+        return (self._cumulative[row] <= uniform).sum(-1), self._reward.take(row)
 
-    def truth(self, objective: str, problem: Problem) -> ContinuingTruth:
-        """Gain and policy that are best by the average reward.
+    def truth(self, objective: str, window: int) -> ContinuingTruth:
+        """g*, π*, its occupancy, and r.
 
         Raises:
-            UserError: labels show something else than the sum of rewards.
+            UserError: the label is about anything but the sum of rewards.
         """
         if objective != "sum":
             raise UserError(
-                f"feedback: its objective is {objective!r}, and in a task that goes on for ever regret is known for "
-                "the sum of rewards alone; choose feedback=block_sum"
+                f"{type(self).__name__} goes on for ever, where regret is that of the average reward, and the feedback "
+                f"asks for {objective!r}; choose a feedback whose objective is 'sum', like block_sum"
             )
         mdp = self.mdp
-        reward = mdp.reward * torch.nan if self.poison else mdp.reward
-        return ContinuingTruth(float(mdp.optimal.gain), mdp.optimal.policy, mdp.occupancy, reward)
-
-
-def _cumulative(rows: Tensor) -> Tensor:
-    total = rows.cumsum(-1)
-    total[..., -1] = torch.inf  # rounding must not lead past the last state
-    return total
-
-
-def _invert(cumulative: Tensor, uniform: Tensor) -> Tensor:
-    return (cumulative <= uniform).sum(-1)
+        return ContinuingTruth(float(mdp.optimal.gain), mdp.optimal.policy, mdp.occupancy, mdp.reward)
 
 
 class TabularGymEnv(gymnasium.Env[int, int]):

@@ -1,9 +1,9 @@
-"""Exact finite-horizon MDPs with few successors a row: the truth, R replicas side by side, and a Gymnasium face."""
+"""Exact finite-horizon MDPs with few successors a row: the truth, copies side by side, and a Gymnasium face."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, ClassVar
 
@@ -15,39 +15,9 @@ from torch import Tensor
 from credit.core.cells import Cells
 from credit.core.errors import UserError
 from credit.core.problem import FLOAT, Problem
-from credit.core.seams import Act, Rollout
-from credit.core.store import Windows
-from credit.core.streams import Stream
 from credit.core.truth import EpisodicTruth
-from credit.envs.exact.base import ExactEnvironment
+from credit.envs.exact.base import ExactEnvironment, cumulative
 from credit.planning.solve import first_best
-
-
-@dataclass(frozen=True)
-class Dynamics:
-    """P as successor lists: what an environment tells those that may know P, and nothing of rewards.
-
-    Attributes:
-        next_states: [N, W] int64, row n = s·A + a. probabilities: [N, W]. states: S.
-    """
-
-    next_states: Tensor
-    probabilities: Tensor
-    states: int
-
-    def backup(self, values: Tensor) -> Tensor:
-        """The expected next value Σ P(s'|s, a) v(s') [..., S, A] of values [..., S]."""
-        columns = values.reshape(-1, self.states).T.cpu().numpy()
-        # N × (R·S) chosen rows would be gathered at full width W; the sparse product reads each non-zero once.
-        expected = torch.from_numpy(self._sparse @ columns).T
-        return expected.reshape(*values.shape, len(self.probabilities) // self.states)
-
-    @cached_property
-    def _sparse(self) -> csr_array:
-        possible = self.probabilities > 0
-        rows = possible.nonzero()[:, 0]
-        cells = (rows.numpy(), self.next_states[possible].numpy())
-        return csr_array((self.probabilities[possible].numpy(), cells), shape=(len(possible), self.states))
 
 
 @dataclass(frozen=True)
@@ -98,14 +68,12 @@ class SuccessorMDP:
         """The expected primitive reward r(s, a) = Σ P(s'|s, a) r(s') [S, A] of a step."""
         return self.backup(self.reward_next)
 
-    @cached_property
-    def dynamics(self) -> Dynamics:
-        """P alone."""
-        return Dynamics(self.next_states, self.probabilities, self.states)
-
     def backup(self, values: Tensor) -> Tensor:
-        """The expected next value Σ P(s'|s, a) v(s') [..., S, A] of values [..., S]."""
-        return self.dynamics.backup(values)
+        """The expected next value Σ P(s'|s, a) v(s') [..., S, A] of values [..., S], the same alone or in a batch."""
+        columns = values.reshape(-1, self.states).T.cpu().numpy()
+        # N × (R·S) chosen rows would be gathered at full width W; the sparse product reads each non-zero once.
+        expected = torch.from_numpy(self._sparse @ columns).T
+        return expected.reshape(*values.shape, self.actions)
 
     def optimal(self, horizon: int, additive: bool) -> tuple[Tensor, Tensor]:
         """The best values [T+1, S] and a policy [T, S] that attains them, of ties the first action.
@@ -145,83 +113,59 @@ class SuccessorMDP:
     def _ahead(self, value: Tensor, additive: bool) -> Tensor:
         return self.backup(self.reward_next + value if additive else value)
 
+    @cached_property
+    def _sparse(self) -> csr_array:
+        possible = self.probabilities > 0
+        rows = possible.nonzero()[:, 0]
+        cells = (rows.numpy(), self.next_states[possible].numpy())
+        return csr_array((self.probabilities[possible].numpy(), cells), shape=(len(possible), self.states))
+
 
 class EpisodicEnvironment(ExactEnvironment):
-    """R replicas of one exact MDP; every window starts from the initial distribution.
-
-    Args:
-        poison: replace the primitive reward by NaN wherever a learner could read it.
-    """
+    """Copies of one exact MDP; every window starts from the initial distribution."""
 
     setting: ClassVar = "episodic"
-    keeps: ClassVar = ("_stream", "_first")
 
     @property
     @abstractmethod
     def mdp(self) -> SuccessorMDP:
         """The exact MDP."""
 
-    def knowledge(self) -> Dynamics:
-        """P, for those that may know it."""
-        return self.mdp.dynamics
+    def start(self, problem: Problem, copies: int = 1, purpose: str = "environment") -> None:
+        """Make the streams of K copies of R replicas."""
+        super().start(problem, copies, purpose)
+        self._reward = self.mdp.reward_next.to(problem.device)
+        self._successors = self.mdp.next_states.to(problem.device)
+        self._cumulative = cumulative(self.mdp.probabilities).to(problem.device)
 
-    def start(self, problem: Problem) -> None:
-        """Make the streams of R replicas."""
-        mdp = self.mdp
-        self._actions = problem.actions
-        self._reward = mdp.reward_next.to(problem.device)
-        self._successors = mdp.next_states.to(problem.device)
-        self._cumulative = _cumulative(mdp.probabilities).to(problem.device)
-        self._initial = _cumulative(mdp.initial).to(problem.device)
-        self._stream = Stream(problem, "environment", "uniform", problem.window)
-        self._first = Stream(problem, "initial state", "uniform", 1)
-        self._clock = self.clock(problem)
+    def _draw(self, row: Tensor, uniform: Tensor) -> tuple[Tensor, Tensor]:
+        then = self._successors[row, (self._cumulative[row] <= uniform).sum(-1)]
+        return then, self._reward.take(then)
 
-    def run(self, act: Act, windows: int, steps: int) -> Rollout:
-        """Follow a policy in some episodes, cut after `steps`."""
-        states, actions, arrivals = [], [], []
-        for _ in range(windows):
-            now = torch.searchsorted(self._initial, self._first.next().squeeze(-1), right=True)
-            uniform = self._stream.next().unsqueeze(-1)
-            for t in range(steps):
-                action = act.act(now.unsqueeze(1), self._clock[t]).squeeze(1)
-                row = now * self._actions + action
-                then = self._successors[row, (self._cumulative[row] <= uniform[:, t]).sum(-1)]
-                states.append(now)
-                actions.append(action)
-                arrivals.append(then)
-                now = then
-        s, a, n = (torch.stack(part, dim=1) for part in (states, actions, arrivals))
-        primitive = self._reward[n]
-        rewards = primitive.unflatten(1, (windows, steps))
-        found = Windows(s, a, n, labels=rewards[..., 0], length=steps)
-        return Rollout(found, primitive * torch.nan if self.poison else primitive, rewards)
-
-    def truth(self, objective: str, problem: Problem) -> EpisodicTruth:
-        """Values under the start distribution, for the sum of rewards or for the last one.
+    def truth(self, objective: str, window: int) -> EpisodicTruth:
+        """V* and the value of policies, for the sum of rewards or for the last one.
 
         Raises:
-            UserError: labels show something else.
+            UserError: the label is about something else.
         """
         if objective not in ("sum", "last"):
             raise UserError(
-                f"feedback: its objective is {objective!r}, and exact values are known for 'sum' and 'last'; choose "
-                "another feedback, or give it the objective that it has"
+                f"the feedback asks for {objective!r}, and the regret in {type(self).__name__} is known for the sum of "
+                "rewards (objective 'sum') and for the last one ('last'); choose a feedback with one of these"
             )
-        additive = objective == "sum"
-        mdp = replace(self.mdp, reward_next=self.mdp.reward_next * torch.nan) if self.poison else self.mdp
-        values, _ = mdp.optimal(problem.window, additive)
-        uniform = torch.full((1, problem.window, problem.states, problem.actions), 1 / problem.actions, dtype=FLOAT)
+        mdp, additive = self.mdp, objective == "sum"
+        values, _ = mdp.optimal(window, additive)
+        uniform = torch.full((1, window, mdp.states, mdp.actions), 1 / mdp.actions, dtype=FLOAT)
 
-        def reward(cells: Cells) -> Tensor:
-            table = cells.known(mdp.reward, mdp.reward_next)
-            counts = cells.steps(table.device).times == problem.window - 1
-            return table if additive or "step" not in cells.axes else table * counts
+        def table(cells: Cells) -> Tensor:
+            known = cells.known(mdp.reward, mdp.reward_next)
+            counts = cells.steps(known.device).times == window - 1
+            return known if additive or "step" not in cells.axes else known * counts
 
         return EpisodicTruth(
             best=float(values[0] @ mdp.initial),
             random=float(mdp.evaluate(uniform, additive)),
-            reward=reward,
+            table=table,
             evaluate=partial(mdp.evaluate, additive=additive),
         )
 
@@ -279,10 +223,3 @@ def _checked(horizon: int) -> int:
 
 def _not_distributions(rows: Tensor) -> Tensor:
     return (((rows.sum(-1) - 1).abs() > 1e-9) | (rows < 0).any(-1)).nonzero().flatten()
-
-
-def _cumulative(rows: Tensor) -> Tensor:
-    width = rows.shape[-1]
-    last = width - 1 - (rows > 0).flip(-1).to(torch.uint8).argmax(-1, keepdim=True)
-    # rounding must not lead past the last possible successor
-    return rows.to(FLOAT).cumsum(-1).masked_fill(torch.arange(width) >= last, torch.inf)

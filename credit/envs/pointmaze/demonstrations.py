@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from tensordict import TensorDict
 
 from credit.core.errors import UserError
+from credit.core.store import Episode
 from credit.envs.pointmaze.controllers import Controller, Path
 from credit.envs.pointmaze.task import Task
 
@@ -95,6 +96,15 @@ class Demonstrations:
             },
             [len(last)],
         )
+
+    def episodes(self) -> list[Episode]:
+        """Each trajectory."""
+        lengths, last = self.lengths.tolist(), (np.cumsum(self.lengths) - 1).tolist()
+        states, actions, arrivals = (
+            torch.from_numpy(column).split(lengths) for column in (self.states, self.actions, self.next_states)
+        )
+        over = self.terminated[last].tolist()
+        return [Episode(*parts) for parts in zip(states, actions, arrivals, over, strict=True)]
 
     def save(self, file: str | File) -> None:
         """Write a .npz file without pickled objects."""

@@ -7,10 +7,11 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
+from credit.core.errors import UserError
 from credit.core.problem import Problem
 from credit.core.seams import FeatureMap
 from credit.core.steps import Steps
-from credit.envs.pointmaze.geometry import Geometry
+from credit.envs.pointmaze.geometry import Geometry, MazeKnowledge
 
 
 class _OfMaze(FeatureMap):
@@ -18,23 +19,37 @@ class _OfMaze(FeatureMap):
 
     observations: ClassVar = "vector"
     actions: ClassVar = "vector"
-    knows: ClassVar = Geometry
+    knows: ClassVar = MazeKnowledge
+    keeps: ClassVar = ()
+    _geometry: Geometry | None = None
 
-    def learn(self, knowledge: Geometry) -> None:
+    def learn(self, knowledge: MazeKnowledge) -> None:
         """Lay out the map."""
-        self.geometry = knowledge
+        self._geometry = knowledge.geometry
 
     def start(self, problem: Problem) -> None:
-        """The map is all."""
+        """Nothing to learn of the sizes.
+
+        Raises:
+            UserError: nobody told it the map.
+        """
+        _ = self.geometry
+
+    @property
+    def geometry(self) -> Geometry:
+        """The map, laid out."""
+        if self._geometry is None:
+            raise UserError(f"{type(self).__name__} has no map yet: call learn(env.knowledge()) before start")
+        return self._geometry
 
 
 class MazeCells(_OfMaze):
     """One feature a free cell, that of the state: a ridge on them is the box surrogate."""
 
     def __call__(self, steps: Steps) -> Tensor:
-        """One-hot rows [..., free cells], bool, in the order of `maze.free`."""
-        cells = self.geometry.cells(steps.states.flatten(0, -2)).view(steps.states.shape[:-1])
-        return torch.nn.functional.one_hot(cells, len(self.geometry.maze.free)).bool()
+        """One-hot rows [..., free cells], float32, in the order of `maze.free`."""
+        cells = self.geometry.cells(steps.states)
+        return torch.nn.functional.one_hot(cells, len(self.geometry.maze.free)).float()
 
 
 class MazeGeometry(_OfMaze):
@@ -42,5 +57,4 @@ class MazeGeometry(_OfMaze):
 
     def __call__(self, steps: Steps) -> Tensor:
         """Rows [..., 3], float32: distance to the goal (m), wall cells on the line to it, way to the next wall (m)."""
-        states, actions = steps.states.flatten(0, -2), steps.actions.flatten(0, -2)
-        return self.geometry.features(states, actions).float().view(*steps.states.shape[:-1], 3)
+        return self.geometry.features(steps.states, steps.actions).float()

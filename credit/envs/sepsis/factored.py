@@ -11,7 +11,7 @@ from torch import Tensor
 from credit.core.problem import FLOAT, Problem
 from credit.core.ranges import Positive, Probability
 from credit.core.store import Windows
-from credit.envs.sepsis.environment import ACTIONS, STATES, Patients, decode
+from credit.envs.sepsis.environment import ACTIONS, STATES, SepsisKnowledge, decode, require_patients
 from credit.planning.counts import ObservedCounts
 
 VITALS, LEVELS, TREATMENTS = 4, 3, 8
@@ -34,10 +34,7 @@ class FactoredMixture(ObservedCounts):
             little, as a self-loop would; spread evenly alone, an untried treatment looks dangerous and stays untried.
     """
 
-    observations: ClassVar = "finite"
-    actions: ClassVar = "finite"
-
-    knows: ClassVar = Patients
+    knows: ClassVar = SepsisKnowledge
 
     def __init__(self, pseudo_counts: Positive = 2.0, level_counts: Positive = 1.0, inertia: Probability = 0.9) -> None:
         self.pseudo_counts = pseudo_counts
@@ -45,7 +42,12 @@ class FactoredMixture(ObservedCounts):
         self.inertia = inertia
 
     def start(self, problem: Problem) -> None:
-        """Only the pseudo-counts."""
+        """Only the pseudo-counts.
+
+        Raises:
+            UserError: the states are no patients.
+        """
+        require_patients(type(self).__name__, problem)
         super().start(problem)
         self._moves = problem.zeros(VITALS, *CONTEXT, LEVELS)
         self._joint = self._pairs_of_vitals()
@@ -58,6 +60,7 @@ class FactoredMixture(ObservedCounts):
         context = (now[..., 0] * TREATMENTS + treatments) * ACTIONS + windows.actions
         for vital in range(VITALS):
             index = (context * LEVELS + now[..., 1 + vital]) * LEVELS + then[..., 1 + vital]
+            index = index.flatten(1)
             self._moves[:, vital].flatten(1).scatter_add_(1, index, torch.ones_like(index, dtype=FLOAT))
         self._joint = self._pairs_of_vitals()
 

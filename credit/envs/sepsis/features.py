@@ -12,7 +12,7 @@ from credit.core.cells import PAIRS, Axis
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import FeatureMap
 from credit.core.steps import Steps
-from credit.envs.sepsis.environment import RADIX, Patients, abnormal, decode, treatments
+from credit.envs.sepsis.environment import RADIX, SepsisKnowledge, abnormal, decode, require_patients, treatments
 
 Whom = Literal["state", "next_state"]  # whom a map describes: the patient before the step, or the one it leads to
 
@@ -22,10 +22,15 @@ class _Patients(FeatureMap):
 
     observations: ClassVar = "finite"
     actions: ClassVar = "finite"
-    knows: ClassVar = Patients
+    knows: ClassVar = SepsisKnowledge
 
     def start(self, problem: Problem) -> None:
-        """Nothing to learn."""
+        """Nothing to learn.
+
+        Raises:
+            UserError: the states are no patients.
+        """
+        require_patients(type(self).__name__, problem)
 
 
 class _OfPatient(_Patients):
