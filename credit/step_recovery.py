@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import reduce
 from typing import ClassVar
@@ -66,7 +66,7 @@ class StepRecovery(CreditAssigner):
             model.fit(rows, windows)
         self._recovery = self._believe(inputs, windows)
         plan = self._recovery.plan[0]
-        self._rewards = plan if self.scaler is None else self._by_replica(self.scaler, plan, windows)
+        self._rewards = plan if self.scaler is None else self._scaled(self.scaler, plan, windows)
 
     def recovery(self) -> StepBelief:
         """What is believed of all steps so far, [1, ..., N] with the rows of all replicas as N."""
@@ -99,7 +99,7 @@ class StepRecovery(CreditAssigner):
         mean, variance = (torch.stack(parts).unsqueeze(0) for parts in zip(*predicted, strict=True))  # [1, M, N]
         disagreement = (mean[:, :1] - mean[:, 1:]).square()
         mse = torch.cat([variance[:, :1], variance[:, 1:] + disagreement], dim=1)  # (10), (11)
-        weights = self._by_replica(self.mixer.weights, mse, moves)
+        weights = self.mixer.weights(mse)
         mixed = mix(weights, mean)
         recovery = StepBelief(
             models=self.names,
@@ -117,13 +117,10 @@ class StepRecovery(CreditAssigner):
         bonus = {name: term(recovery, self.models[0]) for name, term in self.bonus.items()}
         return replace(recovery, bonus=bonus, plan=reduce(torch.add, bonus.values(), mixed))
 
-    def _by_replica(self, function: Callable[[Tensor], Tensor], values: Tensor, moves: Moves) -> Tensor:
-        """`function(values)` of rows [..., N], one replica at a time.
-
-        Where a row lies among the others decides how its exponential is rounded.
-        """
-        found = torch.empty_like(values)
+    def _scaled(self, scaler: Scaler, plan: Tensor, moves: Moves) -> Tensor:
+        """The scaled plan [N]; a replica's scale is its own."""
+        scaled = torch.empty_like(plan)
         for replica in range(self._replicas):
             own = moves.replica == replica
-            found[..., own] = function(values[..., own])
-        return found
+            scaled[own] = scaler(plan[own])
+        return scaled

@@ -95,8 +95,7 @@ class DQN(Optimizer):
         self._inputs = self._encoded(problem)
         self._online = ReplicaMLP(problem, self._inputs.shape[1], problem.actions, self.hidden, "action values")
         self._target = deepcopy(self._online)
-        # fused Adam treats the end of a tensor differently: a replica would depend on its place in the batch
-        self._adam = torch.optim.Adam(self._online.parameters(), lr=self.learning_rate, fused=False)
+        self._adam = torch.optim.Adam(self._online.parameters(), lr=self.learning_rate)
         self._replay = Replay(problem, self.capacity, self.batch, self.discount)
         self._stream = Stream(problem, "epsilon-greedy", "uniform", 2)
         self._windows, self._updates = 0, 0

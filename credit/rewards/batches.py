@@ -28,7 +28,7 @@ def every(trajectories: Trajectories, stride: int, window: int) -> Steps:
     """Every stride-th step, counted back from the last one; each stands for those up to the one before it.
 
     Args:
-        window: H. The padding depends on it alone, so that a replica has the same in any batch.
+        window: H. The padding depends on it alone: one shape, whatever came.
     """
     ends = torch.zeros_like(trajectories.labels, dtype=torch.int64)
     (last,) = trajectories.final.nonzero(as_tuple=True)

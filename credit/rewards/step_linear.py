@@ -50,7 +50,7 @@ class StepLinear(StepModel):
             RunError: a label or a feature is not finite.
         """
         sums = trajectories.sums(inputs.to(FLOAT)) / self.unit
-        fits = [_ridge(x, y, self.regularization) for x, y in zip(sums, trajectories.labels.to(FLOAT), strict=True)]
+        fits = list(zip(*_ridge(sums, trajectories.labels.to(FLOAT), self.regularization), strict=True))
         bad = [s for s, (theta, _) in zip(self._problem.seeds, fits, strict=True) if not theta.isfinite().all()]
         if bad:
             raise RunError(
@@ -76,7 +76,12 @@ class StepLinear(StepModel):
 
 
 def _ridge(x: Tensor, labels: Tensor, penalty: float) -> tuple[Tensor, Tensor]:
-    """θ, and its covariance with the mean squared residual as the noise's variance."""
-    inverse = torch.linalg.inv(x.T @ x + penalty * torch.eye(x.shape[1], dtype=x.dtype, device=x.device))
-    theta = inverse @ (x.T @ labels)
-    return theta, (labels - x @ theta).square().mean() * inverse
+    """θ [..., d], and its covariance [..., d, d] with the mean squared residual as the noise's variance.
+
+    Args:
+        x: summed features [..., K, d]. labels: [..., K]. penalty: λ.
+    """
+    inverse = torch.linalg.inv(x.mT @ x + penalty * torch.eye(x.shape[-1], dtype=x.dtype, device=x.device))
+    theta = inverse @ (x.mT @ labels.unsqueeze(-1))
+    noise = (labels.unsqueeze(-1) - x @ theta).square().mean((-2, -1), keepdim=True)
+    return theta.squeeze(-1), noise * inverse
