@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-
-from credit.agents.dqn import DQN, targets
 from credit.core.dataset import Dataset
-from credit.core.errors import UserError
 from credit.core.interfaces import CreditAssigner, FeatureMap
-from credit.core.streams import generators
 from credit.core.tables import RewardFunction
 from credit.core.types import FLOAT, Problem, Recovery, Steps, Windows
+
+from credit.agents.dqn import DQN, targets
+from credit.core.errors import UserError
+from credit.core.streams import generators
 from credit.networks.perceptron import ReplicaLinear
 from credit.rivals.rules import Delayed, Uniform
 

@@ -8,8 +8,8 @@ from itertools import product
 import numpy as np
 import pytest
 import torch
-
 from credit.core.types import Problem, Windows
+
 from credit.envs.advertiser.shift import ShiftMixture
 from credit.envs.sepsis.factored import FactoredMixture
 from credit.planning.counts import Counts, ObservedCounts

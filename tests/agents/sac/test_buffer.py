@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import pytest
 import torch
+from credit.data.trajectory_replay import Replay
 from tensordict import TensorDict
 
 from credit.core.errors import UserError
-from credit.data.trajectory_replay import Replay
 
 Make = Callable[..., TensorDict]
 LENGTHS, WON = [7, 3, 1, 5], [True, False, True, False]

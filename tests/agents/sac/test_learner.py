@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 import torch
+from credit.data.trajectory_replay import Replay
 from tensordict import TensorDict
 from torch import Tensor
 
 from credit.agents.sac.learner import Learner
 from credit.core.errors import RunError, UserError
-from credit.data.trajectory_replay import Replay
 from credit.networks.stack import Stack
 
 Make = Callable[..., tuple[Learner, Replay]]

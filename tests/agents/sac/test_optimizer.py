@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 import torch
+from credit.core.interfaces import CreditAssigner
+from credit.core.trajectories import ContinuousProblem, Trajectories, TrajectoryDataset
 from torch import Tensor
 
 from credit.agents.sac.optimizer import SAC
 from credit.core.errors import RunError, UserError
-from credit.core.interfaces import CreditAssigner
-from credit.core.trajectories import ContinuousProblem, Trajectories, TrajectoryDataset
 
 MakeProblem = Callable[..., ContinuousProblem]
 Make = Callable[..., Trajectories]

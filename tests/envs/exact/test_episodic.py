@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from credit.core.types import FLOAT, Problem, Windows
 
 from credit.core.errors import UserError
-from credit.core.types import FLOAT, Problem, Windows
 from credit.envs.exact.episodic import EpisodicEnvironment, EpisodicGymEnv, SuccessorMDP
 from credit.envs.feedback import BlockSum
 
