@@ -46,7 +46,6 @@ def problems(*overrides: str) -> list[str]:
             "optimizer=sac",
             ["optimizer: SAC needs states that are vectors (Box)", "episodic"],
         ),
-        ("uncertainty=dropout", ["LinearModel needs a FitUncertainty in uncertainty, and there is Dropout"]),
         ("reference._target_=os.system", ["reference._target_='os.system'", "only classes of these packages"]),
         ("surrogates.linear.name=ridge", ["different names", "ridge"]),
     ],
