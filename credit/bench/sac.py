@@ -18,10 +18,9 @@ from credit.agents.sac.networks import extract_actor
 from credit.bench import peers
 from credit.bench.measure import Row, taken_in_turns
 from credit.bench.relabel import relabelling
-from credit.envs.pointmaze.collector import RoundCollector
-from credit.envs.pointmaze.env import PointMazeEnv
-from credit.envs.pointmaze.maze import Maze
-from credit.envs.pointmaze.task import Task
+from credit.envs.collect import Collector as OurCollector
+from credit.envs.feedback import Success
+from credit.envs.pointmaze.environment import PointMaze
 
 PLAIN: dict[str, Any] = {"layer_norm": False, "policy_delay": 1, "n_step": 1, "success_share": 0, "target_clip": False}
 FRAMES = 300
@@ -93,15 +92,12 @@ def learner(seeds: Sequence[int], **keys: Any) -> Callable[[], object]:
 def collection(rounds: int = 4) -> list[Row]:
     """Environment steps a second with a 256×256 actor in the loop, on PointMaze Medium."""
     gymnasium.register_envs(gymnasium_robotics)
-    task = Task(Maze.of("Medium"), (1, 1), (6, 6), FRAMES)
     sac = Learner(width=peers.WIDTH)
     sac.make(4, 2, (0,))
     frames: dict[str, int] = {"TorchRL": FRAMES, "Gymnasium": FRAMES}
     works = {"TorchRL": stock_collector(sac), "Gymnasium": plain_loop(sac)}
     for balls in (5, 20):
-        env = PointMazeEnv(task, seeds=(0,), copies=balls, episodes="round", reward="hidden")
-        collector = iter(RoundCollector(env, sac.policy(balls, FRAMES)))
-        works[str(balls)], frames[str(balls)] = partial(next, collector), FRAMES * balls
+        works[str(balls)], frames[str(balls)] = ours(sac, balls), FRAMES * balls
     seconds = taken_in_turns(works, rounds)
     rate = {name: frames[name] / best for name, best in seconds.items()}
     rows = [
@@ -114,6 +110,15 @@ def collection(rounds: int = 4) -> list[Row]:
         met = min(ratios) >= target
         rows.append(Row(f"steps over {name}'s, 5 and 20", f"{ratios[0]:.1f}, {ratios[1]:.1f}", f"≥ {target}", met))
     return rows
+
+
+def ours(sac: Learner, balls: int) -> Callable[[], object]:
+    """Our collector on rounds of so many trajectories."""
+    env, feedback = PointMaze(successes=0, partials=0, failures=0), Success(FRAMES)
+    problem = env.problem(FRAMES, (0,), "cpu")
+    for part in (env, feedback):
+        part.start(problem)
+    return partial(OurCollector(env, feedback, problem).collect, sac.policy(balls, FRAMES), balls)
 
 
 def gym_maze() -> gymnasium.Env:
