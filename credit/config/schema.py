@@ -142,14 +142,9 @@ class Check:
                     self.problems.append(f"{name}: {path} needs one, and there is none; add {name}=<option> ({asker})")
 
     def _fit(self) -> None:
-        """Do the parts fit together: their domains, and what each declares that it needs."""
+        """Do the parts fit together: what each declares that it needs in other slots."""
         for slot in sorted(self.used):
             for path, cls in [*self._classes[slot].items(), *self._parts[slot]]:
-                for wanted, given in self._mismatches(cls):
-                    self.problems.append(
-                        f"{path}: {cls.__name__} works on {wanted} environments only, and env is the {given}; "
-                        f"choose another {slot}, or another env"
-                    )
                 for needed_slot, needed in cls.needs.items():
                     for other, other_class in self._classes.get(needed_slot, {}).items():
                         if not issubclass(other_class, needed):
@@ -157,14 +152,6 @@ class Check:
                                 f"{path}: {cls.__name__} needs a {needed.__name__} in {other}, and there is "
                                 f"{other_class.__name__}; choose another {slot}, or another {needed_slot}"
                             )
-
-    def _mismatches(self, cls: type[Component]) -> list[tuple[str, str]]:
-        """(what a class works on, what the environment is instead), for its domain and its setting."""
-        environment = next(iter(self._classes.get("env", {}).values()), None)
-        if environment is None:
-            return []
-        pairs = ((cls.domain, environment.domain), (cls.setting, environment.setting))
-        return [(want, f"{have} {environment.__name__}") for want, have in pairs if want not in ("any", have)]
 
 
 def build(config: Mapping[str, Any], slot: str) -> Any:

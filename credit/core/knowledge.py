@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
 
 from torch import Tensor
 
@@ -27,7 +26,7 @@ def inform(parts: Iterable[Component], knowledge: object, environment: str = "th
     """Give every component that knows something the knowledge that it asks for; before it is started.
 
     Args:
-        parts: components, as `components` finds them. knowledge: what the environment gives, None for nothing.
+        parts: components, as `parts_of` finds them. knowledge: what the environment gives, None for nothing.
         environment: what messages call it.
 
     Raises:
@@ -44,25 +43,3 @@ def inform(parts: Iterable[Component], knowledge: object, environment: str = "th
                 "another environment; choose another component in its place, or the environment that it knows"
             )
         part.learn(knowledge)
-
-
-def components(root: Component) -> Iterator[Component]:
-    """A component and all that it holds, in attributes, lists and mappings, each once."""
-    seen: set[int] = set()
-
-    def walk(value: Any) -> Iterator[Component]:
-        if isinstance(value, Component):
-            if id(value) in seen:
-                return
-            seen.add(id(value))
-            yield value
-            for inner in vars(value).values():
-                yield from walk(inner)
-        elif isinstance(value, Mapping):
-            for inner in value.values():
-                yield from walk(inner)
-        elif isinstance(value, (list, tuple)):
-            for inner in value:
-                yield from walk(inner)
-
-    yield from walk(root)

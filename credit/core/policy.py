@@ -58,7 +58,7 @@ def tabulate(policy: Policy, problem: Problem) -> Tensor | None:
         Actions [R, S] or [R, T, S] where it is a `TablePolicy`; else probabilities [R, T, S, A], one step after the
         other; None where the policy cannot say.
     """
-    if isinstance(policy, TablePolicy):
+    if type(policy) is TablePolicy:
         return policy.actions
     states = torch.arange(problem.states, device=problem.device)
     found = [policy.probabilities(states, step) for step in range(problem.window)]

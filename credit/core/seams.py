@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple, Protocol
 
 import torch
 from torch import Tensor
@@ -249,9 +249,9 @@ class Agent(Component):
     def policies(self) -> dict[str, Policy]:
         """`behaviour` and, where there are others to judge, those: without bonus (`greedy`), averaged, …"""
 
-    def executed(self) -> Policy | None:
-        """What `act` follows now, exploration included, where its probabilities are known; None: the behaviour."""
-        return None
+    def executed(self) -> Policy:
+        """What `act` follows now, exploration included; by default the behaviour."""
+        return self.policies()["behaviour"]
 
     def diagnostics(self) -> dict[str, Tensor]:
         """What the last improvement came to: name → [R], for the journal; nothing by default."""
@@ -302,6 +302,13 @@ class Transitions(NamedTuple):
     terminated: Tensor | None = None
     truncated: Tensor | None = None
     facts: Mapping[str, Tensor] = {}
+
+
+class Act(Protocol):
+    """Whatever acts: a policy, or an agent that explores."""
+
+    def act(self, states: Tensor, step: Tensor) -> Tensor:
+        """Actions of K copies of each replica [R, K, ...], as `Policy.act` has them."""
 
 
 class Environment(Component):
@@ -424,8 +431,8 @@ class Judge(Component):
     higher_is_better: ClassVar[bool]
 
     @abstractmethod
-    def update(self, windows: Windows, primitive: Tensor, executed: Policy, complete: bool = True) -> None:
-        """Count windows with rewards r [R, n] under a policy; `complete` is false for one that was cut short."""
+    def update(self, windows: Windows, primitive: Tensor, agent: Agent, complete: bool = True) -> None:
+        """Count windows with rewards r [R, n] that an agent collected; `complete` is false for one cut short."""
 
     @abstractmethod
     def measure(self, policies: Mapping[str, Policy], belief: Belief | None) -> dict[str, Tensor]:

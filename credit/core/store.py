@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import torch
@@ -54,6 +54,12 @@ class Windows(Steps):
         """Windows of equal lengths: steps [R, K, T, ...] and labels [R, K]; memory is shared where it can be."""
         s, a, n = (part.flatten(1, 2) for part in (states, actions, next_states))
         return cls(s, a, n, labels=labels, length=states.shape[2])
+
+    def to(self, device: torch.device | str) -> Windows:
+        """The same windows elsewhere."""
+        parts = {field.name: getattr(self, field.name) for field in fields(self)}
+        moved: dict[str, Any] = {name: x.to(device) if isinstance(x, Tensor) else x for name, x in parts.items()}
+        return Windows(**moved)
 
     @classmethod
     def of_episodes(cls, episodes: Sequence[Sequence[Episode]], labels: Tensor) -> Windows:
@@ -118,7 +124,7 @@ class Windows(Steps):
         row = torch.arange(len(self), device=self.labels.device)
         if self.length is not None:
             return (row // self.length).expand(self.states.shape[:2])
-        return torch.searchsorted(self.ends, row.repeat(len(self.labels), 1))
+        return torch.searchsorted(self.ends.contiguous(), row.repeat(len(self.labels), 1))
 
     @property
     def final(self) -> Tensor:

@@ -12,7 +12,7 @@ from torch import Tensor
 from credit.core.errors import RunError, UserError
 from credit.core.policy import Policy
 from credit.core.problem import FLOAT, Problem
-from credit.core.seams import Environment, Evaluated, Evaluation, Feedback, Transitions
+from credit.core.seams import Act, Environment, Evaluated, Evaluation, Feedback, Transitions
 from credit.core.state import Stateful
 from credit.core.store import Windows
 
@@ -82,7 +82,7 @@ class Collector(Stateful):
         self._env, self._feedback, self._problem = env, feedback, problem
         self._worlds: dict[int, World] = {}  # K → K copies
 
-    def collect(self, policy: Policy, windows: int, steps: int | None = None) -> tuple[Windows, Tensor]:
+    def collect(self, policy: Act, windows: int, steps: int | None = None) -> tuple[Windows, Tensor]:
         """Some windows of each replica, and their primitive rewards [R, n].
 
         Args:
@@ -119,7 +119,7 @@ class Collector(Stateful):
             if held["env"] is not None:
                 world.env.load_state_dict(held["env"])
 
-    def _even(self, policy: Policy, windows: int, steps: int) -> tuple[Windows, Tensor]:
+    def _even(self, policy: Act, windows: int, steps: int) -> tuple[Windows, Tensor]:
         """Windows of the same length: those of one copy follow each other, others run side by side."""
         if self._env.copies == 1:
             parts = [self._run(policy, self._world(1), windows, steps)]
@@ -131,7 +131,7 @@ class Collector(Stateful):
         labels = self._feedback(seen.unflatten(1, (windows, steps)))
         return Windows(states, actions, arrivals, labels=labels, length=steps), rewards
 
-    def _run(self, policy: Policy, world: World, windows: int, steps: int) -> tuple[Tensor, ...]:
+    def _run(self, policy: Act, world: World, windows: int, steps: int) -> tuple[Tensor, ...]:
         """Rows [R, windows·K·T, ...] of every column; what the hot path of tables is."""
         track, act, reads = Track(), policy.act, self._feedback.reads
         step, episodic, now = world.env.step, self._problem.episodic, world.now
@@ -159,7 +159,7 @@ class Collector(Stateful):
         )
         return states, actions, arrivals, rewards.to(FLOAT), seen.to(FLOAT)
 
-    def _episodes(self, policy: Policy, windows: int, steps: int | None) -> tuple[Windows, Tensor]:
+    def _episodes(self, policy: Act, windows: int, steps: int | None) -> tuple[Windows, Tensor]:
         """Episodes of any length."""
         found = [
             play(self._world(count), policy, self._problem, steps, self._feedback.reads)
@@ -257,7 +257,7 @@ class Grid:
 @torch.no_grad()
 def play(
     world: World,
-    policy: Policy,
+    policy: Act,
     problem: Problem,
     steps: int | None = None,
     reads: str | None = None,

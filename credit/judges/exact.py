@@ -13,7 +13,7 @@ from credit.core.cells import Cells
 from credit.core.errors import UserError
 from credit.core.policy import Policy, tabulate
 from credit.core.problem import FLOAT, Problem
-from credit.core.seams import Judge
+from credit.core.seams import Agent, Judge
 from credit.core.store import Windows
 from credit.core.truth import ContinuingTruth, EpisodicTruth
 
@@ -117,7 +117,7 @@ class AverageReward(_Exact):
         """r(s, a), where the cells are pairs."""
         return cells.known(self._reward)
 
-    def update(self, windows: Windows, primitive: Tensor, executed: Policy, complete: bool = True) -> None:
+    def update(self, windows: Windows, primitive: Tensor, agent: Agent, complete: bool = True) -> None:
         """Count windows with rewards r [R, n]; one that was cut short has no label."""
         regret = (self._gain - windows.grid(primitive)).sum(-1)
         path = self._regret.unsqueeze(1) + regret.cumsum(1)
@@ -164,11 +164,11 @@ class Episodic(_Exact):
         """r(s, a) or r(s'), by step where the cells are; a label that shows the last reward alone has no other."""
         return self._truth.table(cells).to(self._problem.device)
 
-    def update(self, windows: Windows, primitive: Tensor, executed: Policy, complete: bool = True) -> None:
+    def update(self, windows: Windows, primitive: Tensor, agent: Agent, complete: bool = True) -> None:
         """Count episodes with labels [R, K] under the policy that was executed; one cut short has no regret."""
         if not complete:
             return
-        self._value = self._worth(executed)
+        self._value = self._worth(agent.executed())
         count, gap = windows.labels.shape[1], self._truth.best - self._value
         self._area = self._area + count * self._regret + gap * (count * (count + 1) / 2)
         self._regret = self._regret + count * gap

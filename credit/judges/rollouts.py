@@ -12,7 +12,7 @@ from torch import Tensor
 from credit.core.belief import Belief
 from credit.core.policy import Policy
 from credit.core.problem import Problem
-from credit.core.seams import Evaluated, Evaluation, Judge
+from credit.core.seams import Agent, Evaluated, Evaluation, Judge
 from credit.core.store import Windows
 from credit.judges.exact import trust_metrics
 
@@ -43,7 +43,7 @@ class Rollouts(Judge):
         self._collected = False
         self._last: Evaluated | None = None
 
-    def update(self, windows: Windows, primitive: Tensor, executed: Policy, complete: bool = True) -> None:
+    def update(self, windows: Windows, primitive: Tensor, agent: Agent, complete: bool = True) -> None:
         """Count windows and their steps."""
         self._taken = self._taken + windows.lengths.sum(1)
         if complete:

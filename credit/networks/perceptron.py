@@ -9,8 +9,8 @@ import torch
 from torch import Tensor, nn
 from torchrl.modules import MLP
 
+from credit.core.problem import Problem
 from credit.core.streams import generators
-from credit.core.types import Problem
 
 PRECISION = torch.float32
 

@@ -20,10 +20,11 @@ def _spread(draws: Tensor, ddof: int) -> Tensor:
 
 
 def gap(reference: Estimate, surrogate: Estimate) -> Tensor:
-    """Δ̂² of a surrogate [R, N]: the mean over common draws of the squared gap (9); without draws the point gap's (7)."""
-    if reference.draws is None or surrogate.draws is None:
+    """Δ̂² of a surrogate [R, N]: the mean over common draws of the squared gap (9); without, that of the fits (7)."""
+    first, second = reference.draws, surrogate.draws
+    if first is None or second is None or not first.shape[1]:
         return (reference.mean - surrogate.mean).square()
-    return by_replica(lambda a, b: (a - b).square_().mean(1), reference.draws, surrogate.draws)
+    return by_replica(lambda a, b: (a - b).square_().mean(1), first, second)
 
 
 def mse_proxies(variance: Tensor, disagreement: Tensor) -> Tensor:

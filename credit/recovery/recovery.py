@@ -67,8 +67,6 @@ class Recovery(CreditAssigner):
         """
         self._places = Table(problem, self._cells(problem)) if problem.tabular else Rows(problem)
         self._kind = FLOAT if problem.tabular else torch.float32  # single steps are many
-        for uncertainty in self._uncertainties:
-            uncertainty.start(problem)
         for bonus in self.bonus.values():
             bonus.start(problem)
         for model in self.models:

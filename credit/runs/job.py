@@ -16,7 +16,7 @@ import yaml
 from credit.config import registry, schema
 from credit.config.registry import CIRCUMSTANCES
 from credit.core.errors import UserError
-from credit.core.types import NonNegative, NonNegativeInt, PositiveInt
+from credit.core.ranges import NonNegative, NonNegativeInt, PositiveInt
 
 
 @dataclass(frozen=True)

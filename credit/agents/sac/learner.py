@@ -10,15 +10,16 @@ import torch
 from annotated_types import Interval
 from torch import Tensor
 
-from credit.agents.sac.loss import Batch, Compiled, Gradients, Terms, losses
+from credit.agents.sac.loss import Compiled, Gradients, Terms, losses
 from credit.agents.sac.networks import CRITICS
 from credit.agents.sac.policy import Policy
 from credit.core.draws import Draws
 from credit.core.errors import RunError, UserError
+from credit.core.problem import Problem
+from credit.core.ranges import NonNegative, Positive, PositiveInt, Probability
 from credit.core.state import Stateful
 from credit.core.streams import generators
-from credit.core.types import NonNegative, Positive, PositiveInt, Probability
-from credit.data.trajectory_replay import Replay
+from credit.data.replay import Batch, Replay
 from credit.networks.adam import Adam, step
 from credit.networks.denormals import flushed
 from credit.networks.stack import Shape, Stack, padded
@@ -132,9 +133,9 @@ class Learner(Stateful):
         self._exploration = Draws(seeds, "sac/exploration", device)
         self.count = 0
 
-    def replay(self, capacity: int) -> Replay:
-        """An empty replay buffer for some transitions of all replicas together, with this learner's settings."""
-        return Replay(self.seeds, capacity, self.n_step, self.discount, self.success_share, self.device)
+    def replay(self, problem: Problem) -> Replay:
+        """An empty memory with this learner's settings."""
+        return Replay(problem, self.n_step, self.discount, "success", self.success_share, purpose="sac/replay")
 
     def policy(self, copies: int, horizon: int, averaged: bool = False) -> Policy:
         """The actors, or their averages, as a collector's policy for `copies` environments a replica."""

@@ -8,25 +8,8 @@ import torch
 from torch import Tensor
 
 from credit.agents.sac.networks import CRITICS, Squashed, squash, squash_backward
+from credit.data.replay import Batch
 from credit.networks.stack import Stack, Tape
-
-
-class Batch(NamedTuple):
-    """Transitions of R replicas, float32; where returns span n steps, `ahead` lies n steps later.
-
-    Attributes:
-        observation: s [R, B, O]. action: a [R, B, A]. returns: Σ γᵏ r [R, B] up to `ahead`.
-        discount: γⁿ [R, B], 0 where nothing lies behind `ahead`. ahead: the observation there [R, B, O].
-        low, high: bounds of a return [R, 1], from the range of the rewards.
-    """
-
-    observation: Tensor
-    action: Tensor
-    returns: Tensor
-    discount: Tensor
-    ahead: Tensor
-    low: Tensor
-    high: Tensor
 
 
 class Terms(NamedTuple):

@@ -74,6 +74,7 @@ class LinearModel(RidgeModel):
             )
         self._problem, self._last = problem, problem.window - 1
         self.features.start(problem)
+        self.uncertainty.start(problem)
         self._tabular, self._look = places.cells is not None, places.look(self._phi)
         self._shape = (problem.replicas, 1 + self.uncertainty.draws, self._phi(problem.blank()).shape[-1])
         self._reset()
@@ -183,7 +184,7 @@ class LinearModel(RidgeModel):
         variance = self.uncertainty.variance(
             draws, lambda: self._leverage(phi) if leverage is None else leverage, self.residual
         )
-        return Estimate(values[:, 0], variance, draws if draws.shape[1] else None)
+        return Estimate(values[:, 0], variance, draws)
 
     def _rows(self, phi: Tensor, theta: Tensor, inverse: Tensor) -> Tensor:
         """Predictions of all fits [r, F, n], and behind them φᵀV⁻¹φ [r, 1, n]; single steps are many."""

@@ -71,6 +71,7 @@ class TableModel(RidgeModel):
         """No cell was visited."""
         assert places.cells is not None
         self._problem = problem
+        self.uncertainty.start(problem)
         self._all = places.cells
         self._cells = Cells.over(self.looks_at, problem.window, problem.states, problem.actions)
         self._own = self._cells.index(places.cells.steps(problem.device))  # cell → the table's own

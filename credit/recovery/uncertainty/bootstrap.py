@@ -144,7 +144,10 @@ class Bootstrap(FitUncertainty):
         for estimate in estimates:
             assert estimate.draws is not None
             each = estimate.draws.gather(2, index.unsqueeze(1).expand(-1, self.draws, -1))
-            predicted = windows.sums(each.mT.contiguous())
+            if windows.length is None:
+                predicted = windows.sums(each.mT)
+            else:  # the sum of numbers that lie side by side
+                predicted = each.unflatten(-1, (-1, windows.length)).sum(-1).mT
             errors.append(((predicted * out).sum(-1) / known - windows.labels) * (out.sum(-1) > 0))
         stacked = torch.stack(errors, dim=1)
         return first + stacked @ stacked.mT
