@@ -6,16 +6,16 @@ from typing import Any
 
 import pytest
 import torch
-from torch import Tensor
-
-from credit.agents.random import Random
 from credit.core.continuous import StepBelief
 from credit.core.interfaces import Act
 from credit.core.trajectories import ContinuousProblem
-from credit.envs.feedback import Success
-from credit.envs.pointmaze.environment import PointMaze
 from credit.envs.pointmaze.oracle import MazeOracle, of_rounds
 from credit.envs.pointmaze.rounds import Round
+from torch import Tensor
+
+from credit.agents.random import Random
+from credit.envs.feedback import Success
+from credit.envs.pointmaze.environment import PointMaze
 
 
 def tensor(values: Any) -> Tensor:

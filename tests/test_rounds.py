@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 import torch
+from credit.core.dataset import Dataset
+from credit.core.interfaces import CreditAssigner
 
 from credit.agents.random import Random
-from credit.core.dataset import Dataset
 from credit.core.errors import UserError
-from credit.core.interfaces import CreditAssigner
 from credit.trainer import Trainer
 
 Make = Callable[..., Trainer]
