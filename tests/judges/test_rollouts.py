@@ -6,16 +6,14 @@ from typing import Any
 
 import pytest
 import torch
-from credit.core.continuous import StepBelief
-from credit.core.interfaces import Act
-from credit.core.trajectories import ContinuousProblem
-from credit.envs.pointmaze.oracle import MazeOracle, of_rounds
-from credit.envs.pointmaze.rounds import Round
 from torch import Tensor
 
 from credit.agents.random import Random
-from credit.envs.feedback import Success
-from credit.envs.pointmaze.environment import PointMaze
+from credit.core.policy import Policy
+from credit.core.problem import Problem
+from credit.core.seams import Evaluated, Evaluation
+from credit.core.store import Episode, Windows
+from credit.judges.rollouts import Rollouts, of_rounds
 
 
 def tensor(values: Any) -> Tensor:
@@ -45,27 +43,60 @@ def test_few_rounds_by_hand() -> None:
     assert of_rounds(eighteen)["learned"].tolist() == of_rounds(eighteen.float())["learned"].tolist() == [1]
 
 
-class Judge:
-    """Evaluations that were written down before: success and length of each policy, round by round [R, K]."""
+Outcome = tuple[list[list[int]], list[list[int]]]  # of episodes [R, K]: success, or reward of the last step; length
 
-    def __init__(self, found: dict[str, list[tuple[list[list[int]], list[list[int]]]]]) -> None:
-        self._found = found
+
+class Written(Evaluation):
+    """Evaluations that were written down before: what each policy gets, round by round.
+
+    Args:
+        found: policy → outcomes, one a call. said: whether the environment says what a success is.
+    """
+
+    def __init__(self, found: dict[str, list[Outcome]], said: bool = True) -> None:
+        self._found, self._said = found, said
         self.asked: list[str] = []
 
-    def __call__(self, name: str, act: Act) -> Round:
-        self.asked.append(name)
-        success, lengths = self._found[name].pop(0)
-        none = torch.zeros(0)
-        return Round(None, none, none, torch.tensor(lengths), torch.tensor(success).bool(), none)  # type: ignore[arg-type]
+    def __call__(self, policy: Policy) -> Evaluated:
+        assert isinstance(policy, Named)
+        self.asked.append(policy.name)
+        ends, lengths = self._found[policy.name].pop(0)
+        windows = windows_of(lengths, torch.tensor(ends).double())
+        assert windows.ended is not None
+        primitive = windows.to_steps(windows.labels) * windows.ended
+        return Evaluated(windows, primitive, {"success": torch.tensor(ends) > 0} if self._said else {})
 
 
-def no_act(states: Tensor, step: int) -> Tensor:
-    raise AssertionError("the judge does not act")
+class Named(Policy):
+    """Is told apart by its name, and never asked."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def act(self, states: Tensor, step: Tensor) -> Tensor:
+        raise AssertionError("the judge does not act")
+
+
+def windows_of(lengths: list[list[int]], labels: Tensor) -> Windows:
+    """Episodes of zeros."""
+
+    def episode(steps: int) -> Episode:
+        return Episode(torch.zeros(steps, 4), torch.zeros(steps, 2), torch.zeros(steps, 4))
+
+    return Windows.of_episodes([[episode(n) for n in own] for own in lengths], labels)
+
+
+PROBLEM = Problem.vectors(4, 2, 50, (0, 1))
+POLICIES: dict[str, Policy] = {name: Named(name) for name in ("behaviour", "averaged")}
+
+
+def update(judge: Rollouts, lengths: list[list[int]], labels: list[list[int]]) -> None:
+    windows = windows_of(lengths, tensor(labels))
+    judge.update(windows, torch.zeros(2, len(windows)), Random())
 
 
 def test_metrics_by_hand() -> None:
-    problem = ContinuousProblem(4, 2, 50, (0, 1), torch.device("cpu"))
-    judge = Judge(
+    written = Written(
         {
             "behaviour": [
                 ([[0, 0], [0, 1]], [[50, 50], [50, 20]]),
@@ -79,80 +110,54 @@ def test_metrics_by_hand() -> None:
             ],
         }
     )
-    taken = tensor([0.0, 0.0])
-    oracle, policies = MazeOracle(problem, judge, lambda: taken), {"behaviour": no_act, "averaged": no_act}
-    start = oracle.metrics(policies, None)  # of what was learned from demonstrations: no round yet
+    judge = Rollouts(PROBLEM, written)
+    start = judge.measure(POLICIES, None)  # of what was learned from demonstrations: no round yet
     assert {name for name, value in start.items() if value.isfinite().all()} == {
         "collect/steps",
-        *(f"eval/{what}{which}" for what in ("success", "length") for which in ("", "_averaged")),
+        *(f"eval/{what}{which}" for what in ("success", "length", "return") for which in ("", "_averaged")),
     }
-    assert start["eval/success"].tolist() == [0, 0.5]
+    assert start["eval/success"].tolist() == start["eval/return"].tolist() == [0, 0.5]
     assert start["eval/length"].tolist() == [50, 35]
-    taken += tensor([100.0, 70.0])
-    oracle.update(torch.zeros(3), tensor([[1, 0, 1], [0, 0, 1]]), Random())
-    oracle.update(torch.zeros(1), tensor([[0], [1]]), Random())
-    first = oracle.metrics(policies, None)
+    update(judge, [[30, 40], [40, 20]], [[1, 0], [0, 0]])
+    update(judge, [[30], [10]], [[1], [1]])
+    first = judge.measure(POLICIES, None)
     assert first["collect/steps"].tolist() == [100, 70]
-    assert first["return/label"].tolist() == [0.5, 0.5]
+    assert first["return/label"].tolist() == pytest.approx([2 / 3, 1 / 3])
     assert first["eval/success"].tolist() == first["eval/auc"].tolist() == [1, 0.5]
-    oracle.update(torch.zeros(1), tensor([[0], [1]]), Random())
-    taken += 1
-    second = oracle.metrics(policies, None)
+    update(judge, [[1], [1]], [[0], [1]])
+    second = judge.measure(POLICIES, None)
     assert first["collect/steps"].tolist() == [100, 70]  # what was logged stays
+    assert second["collect/steps"].tolist() == [101, 71]
     assert second["return/label"].tolist() == [0, 1]  # since the last call
     assert second["eval/success"].tolist() == [0, 1]
     assert second["eval/auc"].tolist() == second["eval/final"].tolist() == [0.5, 0.75]
     assert second["eval/learned"].tolist() == second["eval/lost"].tolist() == [1, 0]
     assert second["eval/auc_averaged"].tolist() == [0.75, 1]
     assert second["eval/lost_averaged"].tolist() == [0, 0]
-    assert judge.asked == ["behaviour", "averaged"] * 3
+    assert written.asked == ["behaviour", "averaged"] * 3
     assert all(value.shape == (2,) for value in second.values())
 
 
-def test_trust_in_models_is_that_of_each_replica() -> None:
-    problem = ContinuousProblem(4, 2, 50, (0, 1), torch.device("cpu"))
-    weights = tensor([[[0.2, 0.4, 0.9], [0.8, 0.6, 0.1]]])
-    empty = torch.zeros_like(weights[:, 0])
-    belief = StepBelief(
-        ("dnn", "cells"),
-        weights,
-        (),
-        weights,
-        weights[:, :1],
-        weights,
-        torch.tensor([[1, 1, 0]]),
-        empty,
-        {"gap": empty},
-        empty,
-        torch.tensor([0, 1, 1]),
-    )
-    found = MazeOracle(problem, Judge({}), problem.zeros).metrics({}, belief)
-    expected = {"weight/dnn": [0.2, 0.65], "weight/cells": [0.8, 0.35], "best/dnn": [0, 0.5], "best/cells": [1, 0.5]}
-    assert {name: found[name].tolist() for name in expected} == {k: pytest.approx(v) for k, v in expected.items()}
+def test_where_nothing_is_a_success_rounds_are_summed_up_by_return() -> None:
+    found: list[Outcome] = [([[3, 1], [0, -2]], [[5, 5], [5, 7]]), ([[1, 1], [4, 4]], [[2, 2], [2, 2]])]
+    judge = Rollouts(PROBLEM, Written({"behaviour": found}, said=False))
+    update(judge, [[5], [5]], [[1], [1]])
+    first = judge.measure({"behaviour": Named("behaviour")}, None)
+    assert set(first) == {"collect/steps", "return/label", *(f"eval/{n}" for n in ("return", "length", "auc", "final"))}
+    assert first["eval/return"].tolist() == first["eval/auc"].tolist() == [2, -1]
+    update(judge, [[5], [5]], [[1], [1]])
+    second = judge.measure({"behaviour": Named("behaviour")}, None)
+    assert second["eval/return"].tolist() == [1, 4]
+    assert second["eval/auc"].tolist() == [1.5, 1.5]
 
 
-def test_evaluation_has_its_own_noise_and_keeps_nothing() -> None:
-    def collected(evaluations: int) -> list[Tensor]:
-        env, feedback = PointMaze(["11111", "10001", "11111"], (1, 1), (1, 3), evaluation_episodes=3), Success(40)
-        problem = env.problem(40, (4, 5), "cpu")
-        for part in (env, feedback):
-            part.start(problem)
-        oracle, starts = env.oracle(problem, feedback), []
-        for _ in range(2):
-            found, _ = env.collect(still, feedback, 3, 40)
-            starts.append(found.states[found.lengths.flatten().cumsum(0).long() - 40])
-            for _ in range(evaluations):
-                oracle.metrics({"behaviour": still, "other": still}, None)
-                evaluated.append(env.picture(0)["evaluation/states"][::40])
-            assert env.taken.tolist() == [120 * len(starts)] * 2  # evaluation takes no steps of the run
-        return starts
-
-    def still(states: Tensor, step: int) -> Tensor:
-        return torch.zeros_like(states[:, :2])
-
-    evaluated: list[Any] = []
-    for never, often in zip(collected(0), collected(2), strict=True):
-        assert torch.equal(never, often)
-    places = {tuple(start) for episodes in evaluated for start in episodes.tolist()}
-    assert len(places) == 12  # every evaluation is of other episodes
-    assert not places & {tuple(start) for round_ in collected(0) for start in round_.tolist()}
+def test_a_positive_reward_is_a_success_where_the_label_is() -> None:
+    found: list[Outcome] = [([[3, -1], [0, 0]], [[5, 5], [5, 5]])]
+    judge = Rollouts(PROBLEM, Written({"behaviour": found}, said=False), success=True)
+    values = judge.measure({"behaviour": Named("behaviour")}, None)
+    assert values["eval/success"].tolist() == [0.5, 0]
+    assert values["eval/return"].tolist() == [1, 0]
+    picture = judge.picture(0)
+    assert picture["evaluation/labels"].tolist() == [1, 0]
+    assert picture["evaluation/lengths"].tolist() == [5, 5]
+    assert picture["evaluation/states"].shape == (10, 4)
