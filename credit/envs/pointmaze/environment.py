@@ -100,7 +100,7 @@ class PointMaze(Environment):
                 raise UserError(f"env.one_sided=stop: {describe(known[0])} one_sided=go_on trains nevertheless")
         self._shape = (problem.replicas, copies)
         self._balls = Balls(self._task, noise(problem.seeds, copies, purpose))
-        self._balls.reset()  # they are at rest before the first episode, as they always were: it takes one draw
+        self._balls.reset()  # where they lie before the first episode: it takes a draw of its own
 
     def twin(self) -> PointMaze:
         """Another, to be started: that makes new balls."""
