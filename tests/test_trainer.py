@@ -45,12 +45,12 @@ def experience(trainer: Trainer) -> tuple[torch.Tensor, ...]:
 
 
 @pytest.mark.parametrize("method", each(METHODS))
-def test_a_replica_is_the_same_alone_and_in_a_batch(make_trainer: Make, method: str) -> None:
+def test_a_replica_goes_alone_as_in_a_batch(make_trainer: Make, method: str) -> None:
     seeds = (40, 41, 42, 43, 44)
-    batch = make_trainer(method, seeds, "trainer.steps=560")
+    batch = make_trainer(method, seeds, "trainer.steps=280")
     together = run(batch)
     for index in (0, 3):
-        alone = make_trainer(method, (seeds[index],), "trainer.steps=560")
+        alone = make_trainer(method, (seeds[index],), "trainer.steps=280")
         journal = run(alone)
         for mine, theirs in zip(experience(alone), experience(batch), strict=True):
             assert torch.equal(mine[0], theirs[index])
@@ -61,9 +61,9 @@ def test_a_replica_is_the_same_alone_and_in_a_batch(make_trainer: Make, method: 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", each(METHODS))
-def test_a_replica_is_the_same_in_a_large_batch_for_long(make_trainer: Make, method: str) -> None:
-    batch = make_trainer(method, tuple(range(64)))
-    alone = make_trainer(method, (37,))
+def test_a_replica_goes_alone_as_in_a_large_batch(make_trainer: Make, method: str) -> None:
+    batch = make_trainer(method, tuple(range(64)), "trainer.steps=560")
+    alone = make_trainer(method, (37,), "trainer.steps=560")
     run(batch)
     run(alone)
     for mine, theirs in zip(experience(alone), experience(batch), strict=True):
@@ -78,31 +78,6 @@ def test_one_seed_one_run_and_another_seed_another(make_trainer: Make, method: s
     assert all(torch.equal(a, b) for a, b in zip(experience(first), experience(again), strict=True))
     assert not torch.equal(experience(first)[3], experience(other)[3])
     assert not torch.equal(experience(first)[3][0], experience(first)[3][1])
-
-
-@pytest.mark.parametrize("method", LEARNERS)
-def test_the_primitive_reward_does_not_leak(make_trainer: Make, method: str) -> None:
-    plain = make_trainer(method, (1, 2), "trainer.steps=353")
-    poisoned = make_trainer(method, (1, 2), "trainer.steps=353", "env.poison=true")
-    before, after = run(plain), run(poisoned)
-    assert all(torch.equal(a, b) for a, b in zip(experience(plain), experience(poisoned), strict=True))
-    judged = {"regret/cumulative", "regret/auc", "reward/mse", "reward/rank_correlation"}
-    for (step, values), (same_step, hidden) in zip(before, after, strict=True):
-        assert step == same_step
-        assert values.keys() == hidden.keys()
-        for name in values.keys() - judged:
-            assert torch.equal(values[name], hidden[name]), name
-        for name in (values.keys() & judged) - {"reward/rank_correlation"}:
-            assert hidden[name].isnan().all(), name
-
-
-def test_the_oracle_does_look_at_the_primitive_reward(make_trainer: Make) -> None:
-    plain, poisoned = (
-        make_trainer("oracle", (1, 2), "trainer.steps=700", f"env.poison={p}") for p in ("false", "true")
-    )
-    run(plain)
-    run(poisoned)
-    assert not torch.equal(experience(plain)[1], experience(poisoned)[1])
 
 
 class SpyOptimizer(Optimizer):

@@ -98,7 +98,7 @@ class DQN(Agent):
         self._inputs = self._encoded(problem)
         self._online = ReplicaMLP(problem, self._inputs.shape[1], problem.actions, self.hidden, "action values")
         self._target = deepcopy(self._online)
-        self._adam = torch.optim.Adam(self._online.parameters(), lr=self.learning_rate, fused=False)
+        self._adam = torch.optim.Adam(self._online.parameters(), lr=self.learning_rate)
         self._replay = Replay(problem, 1, self.discount, capacity=self.capacity, outcome=True, kind=FLOAT)
         self._stream = Stream(problem, "epsilon-greedy", "uniform", 2)
         self._windows, self._updates = 0, 0

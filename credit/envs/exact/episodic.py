@@ -70,7 +70,7 @@ class SuccessorMDP:
         return self.backup(self.reward_next)
 
     def backup(self, values: Tensor) -> Tensor:
-        """The expected next value Σ P(s'|s, a) v(s') [..., S, A] of values [..., S], the same alone or in a batch."""
+        """The expected next value Σ P(s'|s, a) v(s') [..., S, A] of values [..., S]."""
         return expected(self._sparse, values)
 
     @property
