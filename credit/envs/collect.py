@@ -200,7 +200,7 @@ class Apart(Evaluation):
 
     def __call__(self, policy: Policy) -> Evaluated:
         """One episode of each copy."""
-        grid = play(World(self._env, self._ticks), policy, self._problem)
+        grid = play(World(self._env, self._ticks), policy, self._problem, facts=True)
         return Evaluated(grid.windows(grid.rewards.sum(2)), grid.rows(grid.rewards), grid.facts)
 
 
@@ -255,14 +255,22 @@ class Grid:
 
 
 @torch.no_grad()
-def play(world: World, policy: Act, problem: Problem, steps: int | None = None, reads: str | None = None) -> Grid:
+def play(
+    world: World,
+    policy: Act,
+    problem: Problem,
+    steps: int | None = None,
+    reads: str | None = None,
+    facts: bool = False,
+) -> Grid:
     """An episode in every copy, in lock-step until all are over.
 
     Args:
         world: the copies. policy: whom to follow; it is asked for the copies that are done, too. problem: sizes.
         steps: most of an episode, T by default. reads: the fact that the feedback is shown instead of the reward.
+        facts: whether to keep what the environment said of each episode's last step.
     """
-    track, active, ends, facts = Track(), list[Tensor](), list[Tensor](), list[Mapping[str, Tensor]]()
+    track, active, ends, said = Track(), list[Tensor](), list[Tensor](), list[Mapping[str, Tensor]]()
     now = _states(world, problem)
     awake = torch.ones(now.shape[:2], dtype=torch.bool, device=now.device)
     for tick in world.ticks[:steps]:
@@ -270,7 +278,7 @@ def play(world: World, policy: Act, problem: Problem, steps: int | None = None, 
         out = world.env.step(action, awake)
         track.add(now, action, out)
         active.append(awake)
-        facts.append(out.facts)
+        said.append(out.facts)
         if reads is not None:
             track.seen.append(out.facts.get(reads, out.rewards))
         now = out.states
@@ -292,12 +300,12 @@ def play(world: World, policy: Act, problem: Problem, steps: int | None = None, 
         rewards=rewards,
         seen=seen,
         terminated=torch.stack(ends, 2) & taken,
-        facts={name: _at(torch.stack([each[name] for each in facts], 2), last) for name in facts[0]},
+        facts={name: _at(torch.stack([each[name] for each in said], 2), last) for name in said[0] if facts},
     )
 
 
 def joined(grids: Sequence[Grid]) -> Grid:
-    """Episodes that ran one time after the other, side by side."""
+    """Episodes that ran one time after the other, side by side; without their facts."""
     if len(grids) == 1:
         return grids[0]
     most = max(grid.active.shape[2] for grid in grids)
@@ -309,8 +317,7 @@ def joined(grids: Sequence[Grid]) -> Grid:
 
     names = ("states", "actions", "next_states", "active", "rewards", "seen", "terminated")
     columns: dict[str, Any] = {name: column(name) for name in names}
-    facts = {name: torch.cat([grid.facts[name] for grid in grids], 1) for name in grids[0].facts}
-    return Grid(**columns, facts=facts)
+    return Grid(**columns, facts={})
 
 
 def _states(world: World, problem: Problem) -> Tensor:
