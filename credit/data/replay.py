@@ -85,6 +85,7 @@ class Replay(Stateful):
         self._windows: Windows | None = None
         self._columns: dict[str, Tensor] = {}  # [R, room], room for all rows
         self._counts: list[int] = []  # rows of each replica
+        self._bounds: tuple[Tensor, Tensor]  # low and high
 
     @property
     def windows(self) -> Windows:

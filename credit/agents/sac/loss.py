@@ -42,9 +42,9 @@ def losses(terms: Terms, log_alpha: Tensor, target_entropy: float) -> dict[str, 
 def entropy_room(discount: float, actions: int, target_entropy: float) -> tuple[float, float]:
     """How far entropy takes a soft return below and above the return, in units of the temperature α.
 
-    A soft value adds α·H(π) for every later state: γ/(1 − γ) of it at most. No policy on [−1, 1]^A has more entropy than
-    the uniform one, A·log 2. Downwards there is no bound for any policy, but α holds the mean entropy at H̄ or above; and
-    the best soft policy is never below the bound of the return alone, since the uniform one is not.
+    A soft value adds α·H(π) for every later state: γ/(1 − γ) of it at most. No policy on [−1, 1]^A has more entropy
+    than the uniform one, A·log 2. Downwards no bound holds for every policy, but α keeps the mean entropy at H̄ or
+    above; and the best soft policy is never below the bound of the return alone, since the uniform one is not.
 
     Args:
         discount: γ. actions: A. target_entropy: H̄.
@@ -59,8 +59,8 @@ class Gradients:
     Args:
         actor, critic, target: networks of R, 2R and 2R members; critic c of replica r is member 2r + c.
         by_actor, by_critic: where the gradients of actor and critics go. by_log_alpha: and that by log α [R].
-        target_entropy: H̄. room: what entropy adds to the bounds of a return, as `entropy_room` has it, where targets are
-            to be kept within them; None where they are not.
+        target_entropy: H̄. room: what entropy adds to the bounds of a return (`entropy_room`), where targets are to be
+            kept within them; None where they are not.
     """
 
     def __init__(
@@ -117,9 +117,7 @@ class Gradients:
         y = torch.addcmul(batch.returns, batch.discount, soft)
         if self.room is None:
             return y
-        low, high = (
-            torch.add(bound, alpha, alpha=more) for bound, more in zip((batch.low, batch.high), self.room, strict=True)
-        )
+        low, high = batch.low + self.room[0] * alpha, batch.high + self.room[1] * alpha
         return torch.minimum(torch.maximum(y, low), high)
 
     def _act(self, observation: Tensor, noise: Tensor) -> tuple[Squashed, Tape]:
