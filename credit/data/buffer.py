@@ -89,4 +89,5 @@ def torchrl_buffer(
         sampler=RandomSampler() if sampler is None else sampler,
         writer=ImmutableDatasetWriter(),
         batch_size=batch,
+        collate_fn=lambda rows: rows,  # they come side by side
     )
