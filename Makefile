@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.installed
 
-.PHONY: demo test test-slow golden lint format wheel clean
+.PHONY: demo test test-slow test-processors golden lint format wheel clean
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
@@ -17,6 +17,10 @@ demo: $(STAMP)
 
 test: $(STAMP)
 	$(BIN)/python -m pytest -n 2
+
+# The numerical tests again under every other instruction set that this processor has.
+test-processors: $(STAMP)
+	$(BIN)/python tests/processors.py
 
 test-slow: $(STAMP)
 	$(BIN)/python -m pytest -n 2 -m "slow or not slow"

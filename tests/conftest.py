@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,18 @@ from credit.trainer import Trainer
 torch.set_num_threads(1)
 settings.register_profile("credit", deadline=None, derandomize=True, database=None, max_examples=40)
 settings.load_profile("credit")
+
+# Rooms, and files that go there, in which nothing is rounded: all other tests run again under other instruction sets.
+NO_NUMBERS = {"bench", "cli", "config", "report", "runs", "tracking"}
+NO_NUMBERS |= {f"test_{name}.py" for name in ("checkpoint", "job", "locks", "processors", "registry", "runs", "wheel")}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what `tests/processors.py` runs."""
+    here = Path(__file__).parent
+    for item in items:
+        if item.path.is_relative_to(here) and NO_NUMBERS.isdisjoint(item.path.relative_to(here).parts):
+            item.add_marker(pytest.mark.numerical)
 
 
 @cache

@@ -102,7 +102,7 @@ class DQN(Agent):
         self._view: Moments | Vectors = kind(problem, self.features)
         self._online = ReplicaMLP(problem, self._view.size, problem.actions, self.hidden, "action values")
         self._target = deepcopy(self._online)
-        self._adam = torch.optim.Adam(self._online.parameters(), lr=self.learning_rate, fused=False)
+        self._adam = torch.optim.Adam(self._online.parameters(), lr=self.learning_rate)
         self._replay = Replay(
             problem, 1, self.discount, capacity=self.capacity, outcome=self.monte_carlo > 0, kind=FLOAT
         )

@@ -136,10 +136,22 @@ class Check:
                         self.problems.append(f"{path}.{name}: a component is missing here (a mapping with _target_)")
                 elif takes_several(hint) or is_component(self._config.get(name)):
                     self._reach(name, path)
+                    self._suits(path, cls, name, hint)
                 elif isinstance(self._config.get(name), Mapping):
                     self.problems.append(f"{name}: {path} needs one component here, not several by name")
                 elif default is REQUIRED and self._config.get(name) is None:
                     self.problems.append(f"{name}: {path} needs one, and there is none; add {name}=<option> ({asker})")
+
+    def _suits(self, path: str, cls: type[Component], slot: str, hint: Any) -> None:
+        """Complain about components in a slot that are not of the class that a constructor asks for."""
+        wanted = component_kind(hint)
+        assert wanted is not None
+        for other, given in self._classes[slot].items():
+            if not issubclass(given, wanted):
+                self.problems.append(
+                    f"{path}: {cls.__name__} needs a {wanted.__name__} in {other}, and there is {given.__name__}; "
+                    f"choose another {slot}, or give {path}.{slot} one of its own"
+                )
 
     def _fit(self) -> None:
         """Do the parts fit together: what each declares that it needs in other slots."""

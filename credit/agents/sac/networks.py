@@ -32,12 +32,8 @@ def encoded(states: Tensor, size: int) -> Tensor:
 
 
 def deviation(raw: Tensor) -> Tensor:
-    """σ = floor + softplus(raw + bias).
-
-    By way of the logistic function: `F.softplus` rounds the last numbers of a tensor otherwise than the first, and a
-    replica alone would not equal the same replica in a batch.
-    """
-    return SCALE_FLOOR - F.logsigmoid(-SCALE_BIAS - raw)
+    """σ = floor + softplus(raw + bias)."""
+    return F.softplus(raw + SCALE_BIAS).add_(SCALE_FLOOR)
 
 
 def squash(output: Tensor, noise: Tensor) -> Squashed:

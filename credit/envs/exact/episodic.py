@@ -69,7 +69,7 @@ class SuccessorMDP:
         return self.backup(self.reward_next)
 
     def backup(self, values: Tensor) -> Tensor:
-        """The expected next value Σ P(s'|s, a) v(s') [..., S, A] of values [..., S], the same alone or in a batch."""
+        """The expected next value Σ P(s'|s, a) v(s') [..., S, A] of values [..., S]."""
         columns = values.reshape(-1, self.states).T.cpu().numpy()
         # N × (R·S) chosen rows would be gathered at full width W; the sparse product reads each non-zero once.
         expected = torch.from_numpy(self._sparse @ columns).T

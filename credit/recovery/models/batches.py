@@ -25,7 +25,7 @@ def every(windows: Windows, stride: int, window: int) -> Steps:
     """Every stride-th step, counted back from the last one; each stands for those up to the one before it.
 
     Args:
-        window: H. The padding depends on it alone, so that a replica has the same in any batch.
+        window: H. The padding depends on it alone: one shape, whatever came.
     """
     back = stride * torch.arange(padding(stride, window), device=windows.labels.device)
     weights = (windows.lengths.unsqueeze(-1) - back).clamp(0, stride).float()

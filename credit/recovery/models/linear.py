@@ -20,6 +20,8 @@ from credit.core.tensors import by_replica, matvec
 from credit.recovery.models.ridge import RidgeModel
 from credit.recovery.uncertainty.bootstrap import FitUncertainty
 
+LARGEST = 10**9  # numbers in the inverses of all fits, 8 GB
+
 
 class LinearModel(RidgeModel):
     """Linear in a feature map, fitted to window labels by ridge regression (4), (6).
@@ -65,7 +67,7 @@ class LinearModel(RidgeModel):
         """Empty fits: θ = 0, V = λI.
 
         Raises:
-            UserError: credit to the last step, where there is no table.
+            UserError: credit to the last step, where there is no table; or too many features.
         """
         if self.credit == "last_step" and places.cells is None:
             raise UserError(
@@ -77,6 +79,13 @@ class LinearModel(RidgeModel):
         self.uncertainty.start(problem)
         self._tabular, self._look = places.cells is not None, places.look(self._phi)
         self._shape = (problem.replicas, 1 + self.uncertainty.draws, self._phi(problem.blank()).shape[-1])
+        replicas, fits, size = self._shape
+        if (numbers := replicas * fits * size**2) > LARGEST:
+            raise UserError(
+                f"reward model {self.name!r}: {size} features, {fits} fits and {replicas} seeds need {numbers:.1e} "
+                f"numbers, at most {LARGEST:.0e} are kept; use reward=ridge_table for a table of many cells, fewer "
+                "features, or fewer seeds side by side (replicas)"
+            )
         self._reset()
 
     def _phi(self, steps: Steps) -> Tensor:

@@ -41,6 +41,8 @@ class PrimitiveReward(RewardModel):
     def start(self, problem: Problem, places: Places) -> None:
         """Nothing seen yet."""
         self._places, self._problem = places, problem
+        if self.uncertainty is not None:
+            self.uncertainty.start(problem)
         self._cells: Cells | None = None
         self._own: Tensor | None = None
         if places.cells is not None:

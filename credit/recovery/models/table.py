@@ -13,6 +13,7 @@ from torch.nn.functional import embedding_bag
 
 from credit.core.belief import Estimate
 from credit.core.cells import PAIRS, Axis, Cells
+from credit.core.errors import UserError
 from credit.core.problem import FLOAT, Problem
 from credit.core.ranges import Credit, Positive, PositiveInt
 from credit.core.seams import Places
@@ -68,8 +69,17 @@ class TableModel(RidgeModel):
         self.iterations = iterations
 
     def start(self, problem: Problem, places: Places) -> None:
-        """No cell was visited."""
+        """No cell was visited.
+
+        Raises:
+            UserError: the uncertainty asks for residuals, which are not kept.
+        """
         assert places.cells is not None
+        if self.uncertainty.sees_residuals:
+            raise UserError(
+                f"reward model {self.name!r}: a table of many cells keeps no account of its residuals; give the "
+                "uncertainty its noise, or choose uncertainty=bootstrap"
+            )
         self._problem = problem
         self.uncertainty.start(problem)
         self._all = places.cells
@@ -110,10 +120,7 @@ class TableModel(RidgeModel):
     def _predict(self, own: Tensor) -> Estimate:
         table = torch.stack([fit.predict(of_replica) for fit, of_replica in zip(self._fits, own, strict=True)])
         draws = table[:, 1:]
-        return Estimate(table[:, 0], self.uncertainty.variance(draws, self.leverage, self._unknown), draws)
-
-    def _unknown(self) -> Tensor:
-        raise NotImplementedError("a table of many cells keeps no residuals; give the uncertainty its noise")
+        return Estimate(table[:, 0], self.uncertainty.variance(draws, self.leverage, self._problem.zeros), draws)
 
     def leverage(self) -> Tensor:
         """1/(λ + Σ x²), the diagonal's lower bound on φᵀV⁻¹φ [R, N]: V⁻¹ itself is dense.
