@@ -28,6 +28,8 @@ class BlockUCB(Agent):
     V(s) = max_u [R̂(s, u) + c/√(λ + N(s, u)) + γ Σ P̂(s'|s, u) V(s')]; an untried u is worth c/√λ + γ V(s). Only what was
     tried is stored, so a block costs O(blocks so far). All untried macro-actions of a state are tied.
 
+    States and actions are numbers, and windows have one length.
+
     Args:
         scale: c, in units of block reward.
         lambda_visits: λ.

@@ -24,7 +24,7 @@ class FiniteHorizon(Planner):
     """
 
     setting: ClassVar = "episodic"
-    keeps: ClassVar = ("transition", "_stream", "_order", "_actions")
+    keeps: ClassVar = (*Planner.keeps, "_stream", "_order")
 
     def start(self, problem: Problem) -> None:
         """Nothing is known: every action is tied."""

@@ -8,6 +8,7 @@ import torch
 from annotated_types import Interval
 from torch import Tensor
 
+from credit.agents.exploring import EpsilonGreedy, explored
 from credit.core.policy import Policy, TablePolicy
 from credit.core.problem import Problem
 from credit.core.ranges import Probability
@@ -20,7 +21,8 @@ from credit.planning.solve import first_best
 class QLearning(Agent):
     """Q(s, a) += lr·(r + γ max Q(s', ·) − Q(s, a)), ε-greedy, updated step by step once the window's label is known.
 
-    There is no time index, and the last step of a window bootstraps into the next: the task is continuing.
+    States and actions are numbers. There is no time index, and the last step of a window bootstraps into the next: the
+    task is continuing.
 
     Args:
         learning_rate: lr.
@@ -59,10 +61,8 @@ class QLearning(Agent):
 
     def act(self, states: Tensor, step: Tensor) -> Tensor:
         """A uniform action with probability ε, else the first best."""
-        uniform = self._stream.next()
         values = self._q.gather(1, states.unsqueeze(-1).expand(-1, -1, self._problem.actions))
-        explore = uniform[:, :1] < self._exploration()
-        return torch.where(explore, (uniform[:, 1:] * self._problem.actions).to(torch.int64), first_best(values))
+        return explored(first_best(values), self._exploration(), self._problem.actions, self._stream)
 
     def improve(self, store: Store, assigner: CreditAssigner) -> None:
         """One sweep over the newest windows, in the order in which they happened."""
@@ -80,8 +80,15 @@ class QLearning(Agent):
 
     def policies(self) -> dict[str, Policy]:
         """Greedy in Q; exploration is not counted as an error of the policy."""
-        policy = TablePolicy(first_best(self._q), self._problem.actions)
+        policy = self._greedy()
         return {"behaviour": policy, "greedy": policy}
+
+    def executed(self) -> Policy:
+        """ε-greedy."""
+        return EpsilonGreedy(self._greedy(), self._exploration(), self._problem.actions, self._stream)
+
+    def _greedy(self) -> Policy:
+        return TablePolicy(first_best(self._q), self._problem.actions)
 
     def _exploration(self) -> float:
         return max(self.epsilon * self.epsilon_decay**self._windows, self.epsilon_floor)

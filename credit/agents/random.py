@@ -16,7 +16,7 @@ from credit.core.streams import Stream, generators
 
 
 class Random(Agent):
-    """Every action with the same probability, always; where actions are vectors, from [−1, 1]."""
+    """Every action with the same probability, always: numbers, or vectors in [−1, 1]; states are not looked at."""
 
     def start(self, problem: Problem) -> None:
         """Make the action streams."""

@@ -9,9 +9,13 @@ import torch
 from torch import Tensor
 
 from credit.core.draws import Draws
+from credit.core.errors import UserError
 from credit.core.problem import Problem
+from credit.core.seams import CreditAssigner
 from credit.core.state import Stateful
-from credit.core.store import Windows
+from credit.core.store import Store, Windows, put
+from credit.core.tensors import grown
+from credit.data.returns import discounted_sums, episode_ends
 
 Prefer = Literal["none", "success", "top"]
 TOP = 0.9  # quantile of a replica's labels from which on a window is among its best
@@ -42,13 +46,14 @@ class Replay(Stateful):
     """All rows of a store, or those of its newest windows, with rewards that may change later.
 
     States and actions stay where they are, in the store. Beside them there are, for each row, its reward, and what
-    follows from the rewards after every `relabel`: n-step returns, where they end, and the discount there. Returns run
+    follows from the rewards: n-step returns, where they end, and the discount there; 16 bytes in float32. Returns run
     to the end of an episode at most; behind a terminated one there is no value, behind one that was cut short there is.
 
     Args:
         problem: seeds, device, and whether windows are episodes. n_step: n. discount: γ.
-        prefer: which windows are preferred: those with a label above zero, where labels are success bits; those with
-            the best tenth of labels; or none. share: of a batch, what is drawn from them (where a replica has some).
+        prefer: which windows are preferred: those with the label 1, where labels are bits (`success`); those with the
+            best tenth of all labels (`top`); or `none`. share: of a batch, what is drawn from them (where a replica has
+            some; the rest from all).
         capacity: windows that are remembered, the newest; None for all.
         outcome: whether batches say how the episode goes on. kind: of numbers. purpose: of the random numbers.
 
@@ -72,63 +77,130 @@ class Replay(Stateful):
     ) -> None:
         self._problem, self.n_step, self.discount = problem, n_step, discount
         self.prefer, self.share, self.capacity = prefer, share, capacity
-        self._outcome, self._kind = outcome, kind
+        self._kinds = {"reward": kind, "returns": kind, "discount": kind, "last": torch.int32}
+        if outcome:
+            self._kinds["outcome"] = kind
         self._draws = Draws(problem.seeds, purpose, problem.device)
         self._replica = torch.arange(problem.replicas, device=problem.device).unsqueeze(1)
         self._windows: Windows | None = None
+        self._columns: dict[str, Tensor] = {}  # [R, room], room for all rows
+        self._counts: list[int] = []  # rows of each replica
+        self._bounds: tuple[Tensor, Tensor]  # low and high
+
+    @property
+    def windows(self) -> Windows:
+        """The rows, as the store has them.
+
+        Raises:
+            RuntimeError: there are none yet.
+        """
+        if self._windows is None:
+            raise RuntimeError("this replay has no rows yet; give it some by `update` or `relabel`")
+        return self._windows
+
+    @property
+    def rewards(self) -> Tensor:
+        """The reward of every row [R, n], 0 where a replica has fewer."""
+        return self._columns["reward"][:, : len(self.windows)]
+
+    def update(self, store: Store, assigner: CreditAssigner, cost: float = 0.0) -> None:
+        """Take the rewards of an assigner, less a cost: for all rows where old ones change, else for the newest."""
+        if assigner.learns or self._counts != store.before.tolist():
+            self.relabel(store.windows, assigner.rewards(store.windows) - cost)
+        else:
+            self.extend(store.windows, assigner.rewards(store.new) - cost)
 
     def relabel(self, windows: Windows, rewards: Tensor) -> None:
         """Take rewards [R, n] for all rows of all windows so far.
 
         Raises:
-            ValueError: another number of rewards than of rows. RuntimeError: a replica has no rows.
+            ValueError: another number of rewards than of rows. RuntimeError: a replica has no rows. UserError: labels
+                that are no bits, where those of success are preferred.
         """
         if rewards.shape != windows.states.shape[:2]:
             raise ValueError(f"rewards of shape {tuple(rewards.shape)} for rows {tuple(windows.states.shape[:2])}")
-        self._windows, self.rewards = windows, rewards.to(self._kind)
-        full = torch.full_like(self._replica[:, 0], len(windows))
-        count = full if windows.count is None else windows.count
-        if not count.all():
-            raise RuntimeError(f"replicas {(count == 0).nonzero().flatten().tolist()} have no rows")
-        self._first = self._oldest(windows)
-        self._size = count - self._first
-        end, over = self._ends(windows, count)
-        here = torch.arange(len(windows), device=rewards.device)
-        self._last = torch.minimum(here + self.n_step - 1, end)
-        self._returns = _sums(self.rewards, self._last, self.discount, self.n_step)
-        behind = self.discount ** (self._last - here + 1).double()
-        self._behind = (behind * ~over.gather(1, self._last)).to(self._kind)
-        if self._outcome:
-            self._outcomes = _sums(self.rewards, end, self.discount, len(windows)).to(self._kind)
-        self._returns = self._returns.to(self._kind)
-        self._preferred, self._wins = self._best(windows)
-        self._bounds = self._range(windows)
+        if self._columns and self._columns["reward"].shape[1] >= len(windows):
+            self._columns["reward"].zero_()
+        else:
+            shape, device = rewards.shape, rewards.device
+            self._columns = {name: torch.zeros(shape, dtype=kind, device=device) for name, kind in self._kinds.items()}
+        self._counts = [0] * len(rewards)
+        self.extend(windows, rewards)
+
+    def extend(self, windows: Windows, rewards: Tensor) -> None:
+        """Take rewards for the rows of each replica that are new among all windows so far; raises as `relabel` does.
+
+        Args:
+            windows: all. rewards: of the new rows [R, m], as those of a store's newest windows stand.
+        """
+        rows, before = len(windows), self._counts
+        counts = [rows] * len(rewards) if windows.count is None else windows.count.tolist()
+        if not all(counts):
+            raise RuntimeError(f"replicas {[r for r, count in enumerate(counts) if not count]} have no rows")
+        added = [count - start for count, start in zip(counts, before, strict=True)]
+        if max(added) != rewards.shape[1]:
+            raise ValueError(f"rewards of shape {tuple(rewards.shape)} for at most {max(added)} new rows a replica")
+        if rows > self._columns["reward"].shape[1]:
+            self._columns = {name: grown(column, rows) for name, column in self._columns.items()}
+        if len(set(before)) == len(set(counts)) == 1:
+            self._columns["reward"][:, before[0] : rows] = rewards
+        else:
+            put(self._columns["reward"], rewards.to(self._kinds["reward"]), before, added)
+        self._windows, self._counts = windows, counts
+        forgotten = windows.labels.shape[1] - (self.capacity or windows.labels.shape[1])
+        first = windows.ends[:, forgotten - 1] + 1 if forgotten > 0 else torch.zeros_like(self._replica[:, 0])
+        self._first = first.unsqueeze(1)
+        self._size = torch.tensor(counts, device=rewards.device).unsqueeze(1) - self._first
+        self._sum(min(before))
+        self._bound(min(before))
+        self._prefer(max(forgotten, 0))
 
     def sample(self, batch: int, count: int = 1) -> list[Batch]:
         """`count` batches of `batch` rows a replica."""
         uniform = self._draws.uniform(count, batch, axis=1)  # [count, R, B]
-        rows = self._first.view(-1, 1) + (uniform * self._size.view(-1, 1)).long()
+        rows = self._first + (uniform * self._size).long()
         wins = round(self.share * batch)
-        if wins and self._preferred is not None and self._preferred.shape[1]:
-            place = (uniform[..., :wins] * self._wins.view(-1, 1)).long()
-            best = self._preferred.expand(count, -1, -1).gather(2, place)
-            rows[..., :wins] = torch.where(self._wins.view(-1, 1) > 0, best, rows[..., :wins])
-        return [self.at(part) for part in rows.unbind()]
+        if wins and self._preferred.shape[1]:
+            place = (uniform[..., :wins] * self._wins).long()
+            best = self._preferred.expand(count, -1, -1).gather(2, place).long()
+            rows[..., :wins] = torch.where(self._wins > 0, best, rows[..., :wins])
+        drawn = self.at(rows)
+        several = {name: part.unbind() for name, part in zip(Batch._fields, drawn, strict=True) if part is not None}
+        bounds = {name: [getattr(drawn, name)] * count for name in ("low", "high")}
+        fields = [(several | bounds).get(name, [None] * count) for name in Batch._fields]
+        return [Batch(*parts) for parts in zip(*fields, strict=True)]
 
-    def at(self, rows: Tensor) -> Batch:
-        """Some rows [R, B] of each replica."""
-        windows, replica = self._windows, self._replica
-        assert windows is not None, "relabel first"
-        ahead = self._last[replica, rows]
+    def span(self, replica: int) -> tuple[int, int]:
+        """The oldest row of a replica that is remembered, and how many there are from it on."""
+        return int(self._first[replica]), int(self._size[replica])
+
+    def ahead(self, rows: Tensor, replica: Tensor | int) -> Tensor:
+        """The row at whose end the n-step returns of rows [...] of a replica stop."""
+        return self._columns["last"][replica, rows].long()
+
+    def ends(self, rows: Tensor, replica: Tensor | int) -> tuple[Tensor, Tensor]:
+        """Whether rows [...] of a replica are the last of their episode, and whether nothing lies behind them."""
+        windows = self.windows
+        if windows.ended is not None and windows.terminated is not None:
+            return windows.ended[replica, rows], windows.terminated[replica, rows]
+        last = (rows + 1) % (windows.length or 1) == 0 if self._problem.episodic else torch.zeros_like(rows).bool()
+        return last, last
+
+    def at(self, rows: Tensor, replica: Tensor | int | None = None) -> Batch:
+        """Some rows [..., R, B] of each replica, or [B] of one."""
+        windows, held = self.windows, self._columns
+        replica = self._replica if replica is None else replica
+        ahead = self.ahead(rows, replica)
+        step = rows % windows.length if windows.length else None
         return Batch(
             windows.states[replica, rows],
             windows.actions[replica, rows],
-            self._times(windows, rows),
-            self._returns[replica, rows],
-            self._behind[replica, rows],
+            step if windows.step is None else windows.step[replica, rows],
+            held["returns"][replica, rows],
+            held["discount"][replica, rows],
             windows.next_states[replica, ahead],
             *self._bounds,
-            self._outcomes[replica, rows] if self._outcome else None,
+            held["outcome"][replica, rows] if "outcome" in held else None,
         )
 
     def state_dict(self) -> dict[str, Any]:
@@ -138,57 +210,59 @@ class Replay(Stateful):
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Draw on from there."""
         self._draws.load_state_dict(state["draws"])
+        self._counts = []
 
-    def _times(self, windows: Windows, rows: Tensor) -> Tensor | None:
-        if windows.step is not None:
-            return windows.step[self._replica, rows]
-        return rows % windows.length if windows.length else None
+    def _sum(self, new: int) -> None:
+        """Fill the columns that follow from rewards, where rows from `new` on are new."""
+        windows, held = self.windows, self._columns
+        apart = self._problem.episodic and windows.ended is None  # no sum runs from old windows into new ones
+        start = new if apart else 0 if "outcome" in held else max(0, new - self.n_step + 1)
+        end, over = episode_ends(windows, self._problem.episodic, start)
+        here = torch.arange(start, len(windows), device=end.device)
+        last = torch.minimum(here + self.n_step - 1, end)
+        part = slice(start, len(windows))
+        held["last"][:, part] = last
+        held["returns"][:, part] = discounted_sums(self.rewards, last, self.discount, self.n_step)
+        power = self.discount ** (last - here + 1).double()
+        held["discount"][:, part] = power * ~over.gather(1, (last - start).clamp(min=0))
+        if "outcome" in held:
+            held["outcome"][:, part] = discounted_sums(self.rewards, end, self.discount, len(windows))
 
-    def _oldest(self, windows: Windows) -> Tensor:
-        """The first row that is remembered [R]."""
-        forgotten = windows.labels.shape[1] - (self.capacity or windows.labels.shape[1])
-        return torch.zeros_like(self._replica[:, 0]) if forgotten <= 0 else windows.ends[:, forgotten - 1] + 1
-
-    def _ends(self, windows: Windows, count: Tensor) -> tuple[Tensor, Tensor]:
-        """The last row of the episode, or of all that is known of it, and whether nothing lies behind a row [R, n]."""
-        here = torch.arange(len(windows), device=count.device).expand(len(count), -1)
-        if windows.length is not None:
-            if not self._problem.episodic:
-                return (count - 1).unsqueeze(1).expand_as(here), torch.zeros_like(here, dtype=torch.bool)
-            last = here % windows.length == windows.length - 1
-            return here - here % windows.length + windows.length - 1, last
-        assert windows.ended is not None
-        assert windows.terminated is not None
-        known = torch.where(windows.ended, here, len(windows)).flip(1).cummin(1).values.flip(1)
-        return torch.minimum(known, (count - 1).clamp(min=0).unsqueeze(1)), windows.terminated
-
-    def _best(self, windows: Windows) -> tuple[Tensor | None, Tensor]:
-        """Rows of preferred windows [R, most], and how many there are of each replica [R]."""
-        if self.prefer == "none" or not self.share:
-            return None, torch.zeros_like(self._size)
-        labels = windows.labels
-        bar = torch.zeros_like(labels[:, :1]) if self.prefer == "success" else labels.quantile(TOP, 1, keepdim=True)
-        good = labels > bar if self.prefer == "success" else labels >= bar
-        here = torch.arange(len(windows), device=labels.device)
-        own = windows.to_steps(good.to(labels.dtype)).bool() & (here >= self._first.unsqueeze(1))
-        own &= here <= windows.ends[:, -1:]
-        wins = own.sum(1)
-        return own.to(torch.int8).argsort(dim=1, descending=True, stable=True)[:, : int(wins.max())], wins
-
-    def _range(self, windows: Windows) -> tuple[Tensor, Tensor]:
-        """What an endless discounted sum of the rewards, cut anywhere, cannot leave [R, 1]."""
-        rewards = self.rewards if windows.valid is None else self.rewards * windows.valid  # zero is within the range
+    def _bound(self, new: int) -> None:
+        """Between what an endless discounted sum of the rewards, cut anywhere, must lie: low and high [R, 1]."""
+        rewards, rest = self.rewards[:, new:], 1 - self.discount
         low, high = rewards.amin(1, keepdim=True).clamp(max=0), rewards.amax(1, keepdim=True).clamp(min=0)
-        rest = 1 - self.discount
-        return (low / rest, high / rest) if rest else (low - torch.inf, high + torch.inf)
+        bounds = (low / rest, high / rest) if rest else (low - torch.inf, high + torch.inf)
+        if new:
+            bounds = torch.minimum(self._bounds[0], bounds[0]), torch.maximum(self._bounds[1], bounds[1])
+        self._bounds = bounds
+
+    def _prefer(self, forgotten: int) -> None:
+        """Find the rows of preferred windows [R, most], and how many there are of each replica [R, 1]."""
+        self._wins, self._preferred = torch.zeros_like(self._size), self._replica[:, :0].int()
+        if self.prefer == "none" or not self.share:
+            return
+        windows = self.windows
+        good = preferred(windows.labels[:, forgotten:], self.prefer)
+        good = torch.nn.functional.pad(good, (forgotten, 0)).to(windows.labels.dtype)
+        own = windows.to_steps(good) > 0
+        self._wins = own.sum(1, keepdim=True)
+        places = own.nonzero()[:, 1].int().split(self._wins.flatten().tolist())
+        self._preferred = torch.nn.utils.rnn.pad_sequence(list(places), batch_first=True)
 
 
-def _sums(rewards: Tensor, last: Tensor, discount: float, most: int) -> Tensor:
-    """Σ γᵏ r_{t+k} up to the row `last` of every row [R, n], of at most so many rewards; float64."""
-    rewards, total = rewards.double(), torch.zeros_like(rewards, dtype=torch.float64)
-    here = torch.arange(rewards.shape[1], device=rewards.device)
-    for k in range(min(most, int((last - here).max()) + 1)):
-        at = here + k
-        values = discount**k * rewards[:, at.clamp(max=rewards.shape[1] - 1)]
-        total += torch.where(at <= last, values, 0)
-    return total
+def preferred(labels: Tensor, prefer: Prefer) -> Tensor:
+    """Which windows are preferred, by their labels [R, K].
+
+    Raises:
+        UserError: `success` of labels that are no bits.
+    """
+    if prefer == "top":
+        return labels >= labels.quantile(TOP, dim=1, keepdim=True)
+    strange = labels[(labels != 0) & (labels != 1)]
+    if len(strange):
+        raise UserError(
+            f"optimizer.prefer=success: a label says 1 for success and 0 for none, and here is one of "
+            f"{float(strange[0]):.6g}; choose optimizer.prefer=top for the best tenth of all labels, or none"
+        )
+    return labels > 0

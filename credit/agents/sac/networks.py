@@ -26,6 +26,11 @@ class Squashed(NamedTuple):
     scale: Tensor
 
 
+def encoded(states: Tensor, size: int) -> Tensor:
+    """What networks see of states: vectors [..., O] as they are, numbers [...] one-hot [..., size]."""
+    return states if states.is_floating_point() else F.one_hot(states, size).float()
+
+
 def deviation(raw: Tensor) -> Tensor:
     """σ = floor + softplus(raw + bias)."""
     return F.softplus(raw + SCALE_BIAS).add_(SCALE_FLOOR)

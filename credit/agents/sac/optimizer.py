@@ -10,8 +10,9 @@ from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from credit.agents.sac.learner import Learner
+from credit.agents.sac.networks import encoded
 from credit.agents.sac.policy import Policy as Actor
-from credit.core.component import Kind, Setting
+from credit.core.component import Kind
 from credit.core.errors import UserError
 from credit.core.policy import Policy
 from credit.core.problem import FLOAT, Problem
@@ -23,9 +24,7 @@ DIAGNOSTICS = ("critic", "actor", "alpha", "q", "entropy", "temperature")
 
 class SAC(Learner, Agent):  # noqa: D101 - the learner's docstring is its own
     __doc__ = Learner.__doc__
-    observations: ClassVar[Kind] = "vector"
     actions: ClassVar[Kind] = "vector"
-    setting: ClassVar[Setting] = "episodic"
     keeps: ClassVar = (*Learner.keeps, "memory", "_diagnostics")
 
     def start(self, problem: Problem) -> None:
@@ -40,7 +39,8 @@ class SAC(Learner, Agent):  # noqa: D101 - the learner's docstring is its own
                 "same number of updates, and have different numbers of transitions; set update_ratio=0, or replicas=1"
             )
         self._problem = problem
-        self.make(problem.observations, problem.actions, problem.seeds, problem.device)
+        states = problem.states if problem.finite_states else problem.observations
+        self.make(states, problem.actions, problem.seeds, problem.device)
         self.memory = self.replay(problem)
         self._policies: dict[tuple[str, int], Actor] = {}
         unknown = torch.full((problem.replicas,), torch.nan, device=problem.device)
@@ -54,7 +54,7 @@ class SAC(Learner, Agent):  # noqa: D101 - the learner's docstring is its own
         """Relabel all that was seen, and fit."""
         new = store.new
         first = len(new) == len(store.windows)
-        self.memory.relabel(store.windows, assigner.rewards(store.windows) - self.time_cost)
+        self.memory.update(store, assigner, self.time_cost)
         transitions = [len(new)] * len(self.seeds) if new.count is None else new.count.tolist()
         self._diagnostics |= self.fit(self.memory, self.round_updates(first, transitions))
 
@@ -74,7 +74,7 @@ class SAC(Learner, Agent):  # noqa: D101 - the learner's docstring is its own
         if not step.any():
             policy.restart()
         kind = ExplorationType.RANDOM if name == "exploring" else ExplorationType.DETERMINISTIC
-        flat = states.flatten(0, 1)
+        flat = encoded(states, self._states).flatten(0, 1)
         with set_exploration_type(kind):
             actions: Tensor = policy(TensorDict({"observation": flat}, [len(flat)]))["action"]
         return actions.unflatten(0, states.shape[:2])
