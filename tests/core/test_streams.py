@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from credit.core.streams import Stream, generators
-from credit.core.types import Problem
+from credit.core.problem import Problem
 
 
 def rows(problem: Problem, purpose: str, kind: Any, width: int, count: int) -> torch.Tensor:

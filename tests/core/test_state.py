@@ -12,7 +12,7 @@ import torch
 
 from credit.core.component import Component
 from credit.core.state import Stateful, pack, unpack
-from credit.core.types import Problem
+from credit.core.problem import Problem
 from credit.runs import checkpoint
 
 
