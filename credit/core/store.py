@@ -99,9 +99,8 @@ class Windows(Steps):
     @property
     def times(self) -> Tensor:
         """The step in the episode, or in the window where that is not kept, counted from 0 [R, n]."""
-        if self.step is not None:
-            return self.step
-        assert self.length is not None
+        if self.step is not None or self.length is None:
+            return super().times
         row = torch.arange(len(self), device=self.states.device)
         return (row % self.length).expand(self.states.shape[:2])
 
@@ -111,8 +110,8 @@ class Windows(Steps):
         if self.last is not None:
             return self.last
         assert self.length is not None
-        ends = torch.arange(self.length - 1, len(self), self.length, device=self.labels.device)
-        return ends.expand(self.labels.shape)
+        number = torch.arange(self.labels.shape[1], device=self.labels.device)
+        return (self.length * (number + 1) - 1).expand(self.labels.shape)
 
     @property
     def lengths(self) -> Tensor:

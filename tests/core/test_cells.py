@@ -12,6 +12,7 @@ from credit.core import cells as module
 from credit.core.cells import ORDER, PAIRS, Axis, Cells
 from credit.core.errors import UserError
 from credit.core.problem import FLOAT, Problem
+from credit.core.steps import Steps
 from credit.core.store import Windows
 
 CPU = torch.device("cpu")
@@ -69,9 +70,7 @@ def test_steps_that_know_their_place_in_the_episode_are_counted_by_it() -> None:
     zeros = torch.zeros(1, 4, dtype=torch.int64)
     labels, last = torch.zeros(1, 2, dtype=FLOAT), torch.tensor([[0, 3]])
     windows = Windows(zeros, zeros, zeros + 1, step=torch.tensor([[2, 0, 1, 2]]), labels=labels, last=last)
-    assert over(("step", "next_state")).index(windows).tolist() == [
-        [9, 1, 5, 9]
-    ]  # 4·t + 1, not from the window's start
+    assert over(("step", "next_state")).index(windows).tolist() == [[9, 1, 5, 9]]  # 4·t + 1, of the episode
 
 
 @pytest.mark.parametrize("axes", ALLOWED, ids="-".join)
@@ -123,3 +122,10 @@ def test_a_problem_has_the_cells_of_its_axes() -> None:
     problem = Problem.finite(STATES, ACTIONS, WINDOW, (0,))
     assert problem.cells == over(PAIRS)
     assert replace(problem, axes=("next_state", "step")).cells == over(("step", "next_state"))
+
+
+def test_steps_that_do_not_know_their_place_have_cells_without_it() -> None:
+    steps = Steps(torch.tensor([3, 1]), torch.tensor([1, 0]), torch.tensor([0, 2]))
+    assert over(PAIRS).index(steps).tolist() == [7, 2]
+    with pytest.raises(ValueError, match=r"do not say where in the episode they are.*give `step`"):
+        over(("step", *PAIRS)).index(steps)

@@ -240,7 +240,7 @@ def test_primitive_rewards_of_some_alone_are_refused(make_continuous: Make, roun
 def test_windows_of_another_length_are_refused(make_problem: Make, make_windows: MakeWindows) -> None:
     problem = make_problem((0, 1))
     store = filled(problem, [make_windows(problem, 3)])
-    with pytest.raises(ValueError, match="with length 7, and these have .* with length 4"):
+    with pytest.raises(ValueError, match=r"with length 7, and these have .* with length 4"):
         store.append(make_windows(make_problem((0, 1), window=4), 3))
 
 
