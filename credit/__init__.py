@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from credit.runs.resume import resume
     from credit.runs.runner import Result, compose, run
 
+import credit.envs  # noqa: F401 - registers our environments with Gymnasium, by their names alone
+
 os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # TorchRL reads it once, and tells of every buffer otherwise
 
 __all__ = ["Result", "Run", "compose", "load", "resume", "run"]
