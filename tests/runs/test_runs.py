@@ -308,8 +308,8 @@ def test_a_library_leaves_threads_and_signals_to_its_user(tmp_path):
         credit.run(words, progress=lambda *_: seen.append((torch.get_num_threads(), signal.getsignal(signal.SIGTERM))))
         assert set(seen) == {(2, handler)}
         seen.clear()
-        owned = dict(progress=lambda *_: seen.append((torch.get_num_threads(), signal.getsignal(signal.SIGTERM))))
-        credit.run([*words, "seed=1"], owns_process=True, **owned)
+        note = lambda *_: seen.append((torch.get_num_threads(), signal.getsignal(signal.SIGTERM)))  # noqa: E731
+        credit.run([*words, "seed=1"], owns_process=True, progress=note)
         assert {count for count, _ in seen} == {1}
         assert handler not in {heard for _, heard in seen}
         assert signal.getsignal(signal.SIGTERM) is handler
