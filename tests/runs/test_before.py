@@ -14,6 +14,7 @@ from credit.config import registry, schema
 from credit.config.identity import identity, registered_name
 from credit.core.errors import UserError
 from credit.report.compare import compare
+from credit.report.runs import load_runs
 from credit.runs import folders, job
 
 HERE = Path(__file__).parent / "before"
@@ -50,8 +51,8 @@ def test_a_finished_run_is_known_to_be_done(output: Path) -> None:
 
 def test_finished_runs_are_compared(output: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     credit.run(["method=reference", "replicas=1", "seed=2", f"output={output}", *WORDS])
-    found = compare(output, "advertiser")
-    assert list(found.runs.frame["seed"]) == [0, 1, 2]
+    assert list(load_runs(output, "advertiser").frame["seed"]) == [0, 1, 2]
+    assert "0–2" in next(file for file in compare(output, "advertiser").files if file.suffix == ".md").read_text()
 
 
 def test_an_interrupted_run_is_refused_with_a_reason_and_nothing_is_lost(output: Path) -> None:
