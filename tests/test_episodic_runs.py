@@ -47,7 +47,7 @@ def experience(trainer: Trainer) -> tuple[torch.Tensor, ...]:
 @pytest.mark.parametrize(
     ("method", "feedback"),
     [
-        *((method, "terminal") for method in LEARNERS),
+        *(pytest.param(method, "terminal", marks=() if method in MAIN else pytest.mark.slow) for method in LEARNERS),
         *((method, "block_sum") for method in ("disagreement", "credit_hypotheses")),
     ],
 )

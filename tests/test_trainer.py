@@ -79,7 +79,7 @@ def test_one_seed_one_run_and_another_seed_another(make_trainer: Make, method: s
     assert not torch.equal(experience(first)[3][0], experience(first)[3][1])
 
 
-@pytest.mark.parametrize("method", LEARNERS)
+@pytest.mark.parametrize("method", each(LEARNERS))
 def test_the_primitive_reward_does_not_leak(make_trainer: Make, method: str) -> None:
     plain = make_trainer(method, (1, 2), "trainer.steps=353")
     poisoned = make_trainer(method, (1, 2), "trainer.steps=353", "env.poison=true")

@@ -47,8 +47,10 @@ def options(kind: str) -> list[str]:
 
 
 def on_tabular(kind: str, name: str) -> bool:
-    domains = [getattr(cls, "domain", "any") for cls in classes(kind, name)]
-    return all(domain in ("any", "tabular") for domain in domains)
+    """Asked while tests are collected, by every worker: a file that names its classes is not composed for it."""
+    named = re.findall(r"^\s*_target_:\s*(\S+)", registry.options(kind)[name].read_text(encoding="utf-8"), re.MULTILINE)
+    found = [schema.resolve(name, {"_target_": target}) for target in named] or classes(kind, name)
+    return all(getattr(cls, "domain", "any") in ("any", "tabular") for cls in found)
 
 
 def selection(kind: str, name: str) -> list[str]:
