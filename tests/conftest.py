@@ -29,7 +29,10 @@ settings.load_profile("credit")
 
 # Rooms, and files that go there, in which nothing is rounded: all other tests run again under other instruction sets.
 NO_NUMBERS = {"bench", "cli", "config", "report", "runs", "tracking"}
-NO_NUMBERS |= {f"test_{name}.py" for name in ("checkpoint", "job", "locks", "processors", "registry", "runs", "wheel")}
+NO_NUMBERS |= {
+    f"test_{name}.py"
+    for name in ("checkpoint", "dependencies", "job", "locks", "processors", "registry", "runs", "wheel")
+}
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
