@@ -24,7 +24,7 @@ def rank_correlation(first: Tensor, second: Tensor) -> Tensor:
     """Spearman's ρ over the last dimension, as `scipy.stats.spearmanr`; nan where one side is constant or nan.
 
     Args:
-        first: [..., n]. second: [..., n], in any units.
+        first: [..., n]. second: [..., n], in any units; their leading dimensions are broadcast.
 
     Returns:
         [...] Pearson's correlation of the ranks, where ties share the mean of theirs.
@@ -34,11 +34,17 @@ def rank_correlation(first: Tensor, second: Tensor) -> Tensor:
 
 
 def _ranks(values: Tensor) -> Tensor:
-    """Ranks from 1, ties at the mean of theirs; nan throughout where a value is nan."""
-    # what `scipy.stats.rankdata` gives, on the values' device and without its import of half a second
-    ordered, values = values.sort(-1).values, values.contiguous()
-    below, up_to = (torch.searchsorted(ordered, values, right=right) for right in (False, True))
-    return ((below + up_to + 1).to(FLOAT) / 2).masked_fill(values.isnan().any(-1, keepdim=True), torch.nan)
+    """Ranks from 0, ties at the mean of theirs; nan throughout where a value is nan."""
+    # `scipy.stats.rankdata` less 1, on the values' device and without its import of half a second
+    ordered, order = values.sort(-1)
+    place = torch.arange(values.shape[-1], dtype=FLOAT, device=values.device).expand(values.shape)
+    starts = torch.ones_like(ordered, dtype=torch.bool)
+    starts[..., 1:] = ordered[..., 1:] != ordered[..., :-1]
+    ends = starts.roll(-1, -1)  # the first place starts a tie, and so the last one ends one
+    first = place.masked_fill(~starts, -torch.inf).cummax(-1).values
+    last = place.masked_fill(~ends, torch.inf).flip(-1).cummin(-1).values.flip(-1)
+    ranks = torch.empty_like(place, memory_format=torch.contiguous_format).scatter_(-1, order, (first + last) / 2)
+    return ranks.masked_fill(values.isnan().any(-1, keepdim=True), torch.nan)
 
 
 def recovery_metrics(recovery: Belief | None, truth: Callable[[Cells], Tensor]) -> dict[str, Tensor]:
@@ -48,7 +54,7 @@ def recovery_metrics(recovery: Belief | None, truth: Callable[[Cells], Tensor]) 
     true = truth(recovery.cells)
     values = {
         "reward/mse": (recovery.mixed - true).square().mean(-1),
-        "reward/rank_correlation": rank_correlation(recovery.mixed, true.expand_as(recovery.mixed)),
+        "reward/rank_correlation": rank_correlation(recovery.mixed, true),
     }
     return values | trust_metrics(recovery)
 
