@@ -214,10 +214,12 @@ def _primary_columns(group: pd.DataFrame, measure: Measure, trapped_above: float
 
 
 def _against(group: pd.DataFrame, base: pd.DataFrame, measure: Measure) -> dict[str, float]:
-    ours, theirs = _scores(group, measure)["score"], _scores(base, measure)["score"]
+    ours, theirs = _scores(group, measure), _scores(base, measure)
     if not len(ours) or not len(theirs):
         return {}
-    better = statistics.probability_of_improvement(ours, theirs, lower_is_better=measure.lower_is_better)
+    better = statistics.probability_of_improvement(
+        ours["score"], theirs["score"], ours["seed"], theirs["seed"], lower_is_better=measure.lower_is_better
+    )
     return _difference(group, base, measure) | _columns("improvement", better)
 
 
