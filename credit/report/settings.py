@@ -16,6 +16,8 @@ from typing import Any
 
 import yaml
 
+from credit.errors import UserError, nearest
+
 # The slots that are the problem, and what of the trainer is the learner's own: the rest of it is budget and judging.
 PROBLEM = ("env", "feedback")
 SCHEDULE = ("windows_per_round", "first_windows", "first_windows_per_round", "random_windows")
@@ -39,12 +41,11 @@ class Setting:
     Attributes:
         name: the shortest that tells it apart, fit for files; "" where nothing calls for a name.
         words: the same as one would type it, such as `feedback=terminal trainer.steps=700`.
-        common: key → value of all that it shares with the others. own: of the rest.
+        own: key → value of what not all of them share.
     """
 
     name: str = ""
     words: str = ""
-    common: Values = field(default_factory=dict)
     own: Values = field(default_factory=dict)
 
 
@@ -98,7 +99,7 @@ def name_settings(texts: Iterable[str]) -> dict[str, Setting]:
     """
     every: dict[str, dict[str, Any]] = {text: json.loads(text) for text in texts}
     values = every.values()
-    common = {key: value for key, value in next(iter(values), {}).items() if _shared(values, key)}
+    common = common_values(every)
     telling = {text: _telling(one, values) for text, one in every.items()}
     ends = [_end(key) for key in {key for keys in telling.values() for key in keys}]
     found = {}
@@ -106,12 +107,11 @@ def name_settings(texts: Iterable[str]) -> dict[str, Setting]:
         classes = {
             key: _rule(values, one, key) for key in ("feedback", "env") if key == "feedback" or key not in common
         }
-        more = {key: _typed(one[key]) for key in telling[text]}
+        more = {key: typed(one[key]) for key in telling[text]}
         short = [f"{_end(key) if ends.count(_end(key)) == 1 else key}={value}" for key, value in more.items()]
         found[text] = Setting(
             name=_file_name("-".join([*classes.values(), *short])),
             words=" ".join(f"{key}={value}" for key, value in {**classes, **more}.items()),
-            common=common,
             own={key: value for key, value in one.items() if key not in common},
         )
     taken = [setting.name for setting in found.values()]
@@ -119,6 +119,47 @@ def name_settings(texts: Iterable[str]) -> dict[str, Setting]:
         if taken.count(setting.name) > 1:  # they differ in what no file name can have
             found[text] = replace(setting, name=f"{setting.name}-{zlib.crc32(text.encode()):08x}")
     return dict(sorted(found.items(), key=lambda item: item[1].name))
+
+
+def common_values(texts: Iterable[str]) -> dict[str, Any]:
+    """Key → value of what all these settings share.
+
+    Args:
+        texts: what `read_setting` gave.
+    """
+    values = [json.loads(text) for text in texts]
+    return {key: value for key, value in values[0].items() if _shared(values, key)} if values else {}
+
+
+def choose_settings(
+    texts: Iterable[str], experiment: str, called: Collection[str] | None = None, where: Values | None = None
+) -> dict[str, Setting]:
+    """The settings that were asked for: named beside all others, their own values beside those that were asked for.
+
+    Args:
+        texts: what `read_setting` gave. experiment: for messages.
+        called: only those with one of these names; all by default. where: only those with these values.
+
+    Raises:
+        UserError: no setting has such a name, or these values.
+    """
+    found = name_settings(texts)
+    names = [setting.name for setting in found.values()]
+    for wanted in called or ():
+        if not any(is_called(name, wanted) for name in names):
+            raise UserError(
+                f"No finished run of experiment={experiment} that was asked for has feedback={wanted}; "
+                f"{nearest(wanted, names)}."
+            )
+    chosen = {
+        text: setting
+        for text, setting in found.items()
+        if has(text, where or {}) and (not called or any(is_called(setting.name, name) for name in called))
+    }
+    if not chosen:
+        raise UserError(_none_has(found, where or {}, experiment))
+    seen = name_settings(chosen)
+    return {text: replace(each, own=seen[text].own) for text, each in chosen.items()}
 
 
 def is_called(setting: str, wanted: str) -> bool:
@@ -136,13 +177,34 @@ def describe(values: Values) -> str:
     """Key → value in one line, such as `feedback=block_sum (noise=0.2, window=7); trainer.steps=700`."""
     parts = []
     for root in (*PROBLEM, TRAINER):
-        inner = {key: _typed(value) for key, value in values.items() if key.startswith(f"{root}.")}
+        inner = {key: typed(value) for key, value in values.items() if key.startswith(f"{root}.")}
         if root in values:
             listed = ", ".join(f"{key.removeprefix(f'{root}.')}={value}" for key, value in inner.items())
             parts.append(f"{root}={_end(values[root])}" + (f" ({listed})" if listed else ""))
         elif inner:
             parts.append(", ".join(f"{key}={value}" for key, value in inner.items()))
     return "; ".join(parts)
+
+
+def _none_has(texts: Iterable[str], where: Values, experiment: str) -> str:
+    """Why no run has these values."""
+    every = [json.loads(text) for text in texts]
+    known = sorted({key for values in every for key in values})
+    hints = []
+    for key, value in where.items():
+        present = sorted({typed(values[key]) for values in every if key in values})
+        if not present:
+            hints.append(f"{key} is no part of their settings, {nearest(key, known)}")
+        elif typed(value) not in present:
+            hints.append(f"there are runs with {key}={' and '.join(present)}")
+    wanted = " ".join(f"{key}={typed(value)}" for key, value in where.items())
+    why = "; ".join(hints) or "each value is there, but not together with all that was asked for"
+    return f"No finished run of experiment={experiment} that was asked for has {wanted}: {why}."
+
+
+def typed(value: Any) -> str:
+    """A value as one would type it."""
+    return value if isinstance(value, str) else json.dumps(value, separators=(",", ":"), sort_keys=True)
 
 
 def _flat(key: str, node: Any) -> Iterator[tuple[str, Any]]:
@@ -175,7 +237,7 @@ def _rule(every: Collection[Values], values: Values, key: str) -> str:
 
 
 def _shared(every: Collection[Values], key: str) -> bool:
-    return len({_typed(values[key]) if key in values else None for values in every}) == 1
+    return len({typed(values[key]) if key in values else None for values in every}) == 1
 
 
 def _telling(values: Values, every: Collection[Values]) -> list[str]:
@@ -187,11 +249,6 @@ def _telling(values: Values, every: Collection[Values]) -> list[str]:
     return found
 
 
-def _typed(value: Any) -> str:
-    """A value as one would type it."""
-    return value if isinstance(value, str) else json.dumps(value, separators=(",", ":"), sort_keys=True)
-
-
 def _file_name(name: str) -> str:
-    name = re.sub(r"[^\w=.,+-]+", "-", name)
+    name = re.sub(r"[^\w=.,+-]+", "-", re.sub(r"[][{}\"]", "", name))
     return name if len(name) <= _LONGEST else f"{name[: _LONGEST - 9]}-{zlib.crc32(name.encode()):08x}"

@@ -12,7 +12,8 @@ from pathlib import Path
 
 from credit.report.comparison import Comparison
 from credit.report.maze.figures import methods
-from credit.report.maze.tracks import FILE, typical
+from credit.report.maze.recognise import FILE
+from credit.report.maze.tracks import typical
 
 PACKAGES = {
     "gymnasium_robotics": "gymnasium-robotics",
