@@ -184,8 +184,9 @@ def probability_of_improvement(
         seed: of the resampling.
 
     Returns:
-        The probability and its interval (½ means that neither is better). NaN where no two runs have different seeds;
-        the ends are NaN where a side has fewer than three.
+        The probability and its interval (½ means that neither is better), which is rough for fewer than ten seeds. NaN
+        where no two runs have different seeds; the ends are NaN where a side has fewer than three seeds, or where all
+        resamples agree, since a few seeds of one mind leave no spread to measure.
 
     Raises:
         ValueError: seeds are given for one side alone.
@@ -210,6 +211,8 @@ def probability_of_improvement(
     drawn_b[:, right] = drawn_a[:, left]
     pairs = a.size * b.size - (drawn_a[:, left] * drawn_b[:, right]).sum(axis=1)
     samples = ((drawn_a @ wins) * drawn_b).sum(axis=1)[pairs > 0] / pairs[pairs > 0]
+    if samples.max() == samples.min():
+        return Interval(value, float("nan"), float("nan"))
     n = min(a.size, b.size)
     tail = float(special.ndtr(-np.sqrt(n / (n - 1)) * special.stdtrit(n - 1, (1 + CONFIDENCE) / 2)))
     return Interval(value, *_ends(samples, tail))

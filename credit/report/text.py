@@ -57,7 +57,7 @@ def _explained(comparison: Comparison) -> list[str]:
             f"differences to {comparison.reference_name} are paired by seed, with a 95% t-interval; "
             f"P(improvement) is the probability that a run of the method has the {direction} "
             f"{comparison.primary.title.lower()} of two runs with different seeds, with a 95% bootstrap interval over "
-            f"seeds, each with the runs of both methods where it has both"
+            f"seeds, each with the runs of both methods where it has both (rough for fewer than ten seeds)"
         )
     if comparison.counts_trapped:
         parts.append(f"trapped seeds end with a regret above {comparison.trapped_above:g}")

@@ -145,6 +145,10 @@ def test_runs_of_one_seed_are_no_pair_of_independent_runs():
         (0.5, np.nan, np.nan), nan_ok=True
     )
     assert np.isnan(probability_of_improvement([1.0], [2.0], [0], [0])).all()
+    # five of one mind: that the interval has no width does not make it certain
+    assert probability_of_improvement(range(5), range(9, 14), range(5), range(5)) == pytest.approx(
+        (1.0, np.nan, np.nan), nan_ok=True
+    )
     with pytest.raises(ValueError, match="both sides"):
         probability_of_improvement([1.0], [2.0], [0])
 
