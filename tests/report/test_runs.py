@@ -81,6 +81,22 @@ def test_a_damaged_run_is_named(write_run: WriteRun, tmp_path: Path):
         load_runs(tmp_path / "outputs", "advertiser")
 
 
+@pytest.mark.parametrize("content", ["[1]", "null", '{"metrics": 3}', "{"])
+def test_a_summary_that_is_none_is_named_and_nothing_is_to_be_deleted(
+    write_run: WriteRun, tmp_path: Path, content: str
+):
+    (write_run("reference", 0, REGRET) / "summary.json").write_text(content, encoding="utf-8")
+    with pytest.raises(UserError, match=r"summary\.json cannot be used .* Restore the file, or move the folder"):
+        load_runs(tmp_path / "outputs", "advertiser")
+
+
+@pytest.mark.parametrize("content", ["", "time,regret/cumulative\n1,2\n", "step,regret/cumulative\n1,many\n"])
+def test_a_damaged_journal_is_named(write_run: WriteRun, tmp_path: Path, content: str):
+    (write_run("reference", 0, REGRET) / "metrics.csv").write_text(content, encoding="utf-8")
+    with pytest.raises(UserError, match=r"seed-0 is marked as finished, but its metrics\.csv cannot be used"):
+        load_curves(load_runs(tmp_path / "outputs", "advertiser").frame, "regret/cumulative")
+
+
 def test_curves_on_the_same_steps_are_stacked(write_run: WriteRun, tmp_path: Path):
     for seed in (0, 1):
         write_run("reference", seed, {"regret/cumulative": 30.0 * (seed + 1), "reward/mse": None})
