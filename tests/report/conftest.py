@@ -53,6 +53,7 @@ def write_run(tmp_path: Path) -> WriteRun:
         experiment: str = "advertiser",
         slug: str = "default",
         config_hash: str | None = None,
+        mixer: Mapping[str, Any] | None = None,
         steps: tuple[int, ...] = (100, 200, 300),
         recovery: Mapping[str, Any] | None = None,
         done: bool = True,
@@ -81,7 +82,7 @@ def write_run(tmp_path: Path) -> WriteRun:
             "metrics": dict(metrics),
             "paper": {"name": NAMES.get(method, method)},
         }
-        config = {"env": env, "feedback": feedback, "trainer": trainer}
+        config = {"env": env, "feedback": feedback, "trainer": trainer} | ({"mixer": mixer} if mixer else {})
         (folder / "config.yaml").write_text(json.dumps(config), encoding="utf-8")
         (folder / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
         if recovery is not None:
