@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import torch
 
-from credit.core.types import Problem, Windows
+from credit.core.problem import Problem
+from credit.core.store import Windows
 from credit.envs.advertiser.shift import ShiftMixture
 from credit.envs.sepsis.factored import FactoredMixture
 from credit.planning.counts import Counts, ObservedCounts
@@ -22,7 +23,7 @@ def model(problem: Problem, prior: str, pseudo: float, *steps: tuple[int, int, i
     for s, a, then in steps:
         shape = (problem.replicas, 1, 1)
         counts.observe(
-            Windows(*(torch.full(shape, value) for value in (s, a, then)), torch.zeros(shape[:2], dtype=torch.float64))
+            Windows.of_grid(*(torch.full(shape, v) for v in (s, a, then)), torch.zeros(shape[:2], dtype=torch.float64))
         )
     return counts.probabilities()
 
@@ -89,7 +90,7 @@ def test_shift_mixture_by_hand(make_problem: Callable[..., Problem]) -> None:
     for s, then in ((1, 2), (2, 2), (0, 0)):
         shape = (1, 1, 1)
         mixture.observe(
-            Windows(*(torch.full(shape, value) for value in (s, 0, then)), torch.zeros(1, 1, dtype=torch.float64))
+            Windows.of_grid(*(torch.full(shape, v) for v in (s, 0, then)), torch.zeros(1, 1, dtype=torch.float64))
         )
     found = mixture.probabilities()[0, :, 0]
     assert found[1].tolist() == pytest.approx([0.8 / 5, 1.6 / 5, (1 + 1.6) / 5, 0])
@@ -98,8 +99,8 @@ def test_shift_mixture_by_hand(make_problem: Callable[..., Problem]) -> None:
 
 
 def part(windows: Windows, replicas: slice, rows: slice) -> Windows:
-    pieces = (windows.states, windows.actions, windows.next_states, windows.labels)
-    return Windows(*(piece[replicas, rows] for piece in pieces))
+    pieces = (windows.grid(column) for column in (windows.states, windows.actions, windows.next_states))
+    return Windows.of_grid(*(piece[replicas, rows] for piece in pieces), windows.labels[replicas, rows])
 
 
 def test_observed_counts_against_a_table_of_counts(
@@ -150,7 +151,7 @@ def test_factored_mixture_against_plain_sums(make_problem: Callable[..., Problem
     states, then = (torch.randint(648, (2, 400, 5), generator=generator) for _ in range(2))
     actions, sick = (torch.randint(size, (2, 400, 5), generator=generator) for size in (8, 2))
     states, then = states + 648 * sick, then // 8 * 8 + actions + 648 * sick
-    windows = Windows(states, actions, then, torch.zeros(2, 400, dtype=torch.float64))
+    windows = Windows.of_grid(states, actions, then, torch.zeros(2, 400, dtype=torch.float64))
     values = torch.randn(2, 1296, dtype=torch.float64, generator=generator)
     model, own = FactoredMixture(pseudo_counts=3.0, level_counts=0.6, inertia=0.5), ObservedCounts()
     for each in (model, own):

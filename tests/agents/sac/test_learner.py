@@ -169,12 +169,14 @@ def test_it_learns_a_bandit_from_python_alone() -> None:
 
 
 def test_the_clip_leaves_room_for_entropy() -> None:
-    """Nothing is paid, nothing ends: a soft value is the entropy to come, and only entropy. Clipped to the returns' range
-    it would be 0; it must come out as without the clip, and near α·H/(1 − γ)."""
+    """Nothing is paid, nothing ends: a soft value is the entropy to come, and only that. Clipped to the returns it
+    would be 0; it must come out as without the clip, and near α·H/(1 − γ)."""
+    keys: dict[str, Any] = {"adapt_temperature": False, "temperature": 0.1, "discount": 0.8, "target_rate": 0.05}
     found = []
     for clip in (False, True):
-        keys: dict[str, Any] = {"target_clip": clip, "adapt_temperature": False, "temperature": 0.1, "discount": 0.8, "target_rate": 0.05}
-        sac, problem, windows, rewards = bandit(torch.zeros(500, 1), ends=False, success_share=0.0, **keys)
+        sac, problem, windows, rewards = bandit(
+            torch.zeros(500, 1), ends=False, success_share=0.0, target_clip=clip, **keys
+        )
         sac.make(1, 2, seeds=(0,))
         replay = sac.replay(problem)
         replay.relabel(windows, 0 * rewards)
