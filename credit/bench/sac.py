@@ -15,14 +15,14 @@ from torchrl.envs import DoubleToFloat, GymWrapper, TransformedEnv
 
 from credit.agents.sac.learner import Learner
 from credit.agents.sac.networks import extract_actor
+from credit.agents.sac.optimizer import SAC
 from credit.bench import peers
 from credit.bench.measure import Row, taken_in_turns
 from credit.bench.relabel import relabelling
 from credit.core.problem import Problem
-from credit.envs.pointmaze.collector import RoundCollector
-from credit.envs.pointmaze.env import PointMazeEnv
-from credit.envs.pointmaze.maze import Maze
-from credit.envs.pointmaze.task import Task
+from credit.envs.collect import Collector as OurCollector
+from credit.envs.feedback import Success
+from credit.envs.pointmaze.environment import PointMaze
 
 PLAIN: dict[str, Any] = {"layer_norm": False, "policy_delay": 1, "n_step": 1, "success_share": 0, "target_clip": False}
 FRAMES = 300
@@ -93,15 +93,15 @@ def learner(seeds: Sequence[int], **keys: Any) -> Callable[[], object]:
 def collection(rounds: int = 4) -> list[Row]:
     """Environment steps a second with a 256×256 actor in the loop, on PointMaze Medium."""
     gymnasium.register_envs(gymnasium_robotics)
-    task = Task(Maze.of("Medium"), (1, 1), (6, 6), FRAMES)
-    sac = Learner(width=peers.WIDTH)
-    sac.make(4, 2, (0,))
+    sac, env, feedback = SAC(width=peers.WIDTH), PointMaze(successes=0, partials=0, failures=0), Success(FRAMES)
+    problem = env.problem(FRAMES, (0,), "cpu")
+    for part in (env, feedback, sac):
+        part.start(problem)
+    ours = OurCollector(env, feedback, problem)
     frames: dict[str, int] = {"TorchRL": FRAMES, "Gymnasium": FRAMES}
     works = {"TorchRL": stock_collector(sac), "Gymnasium": plain_loop(sac)}
     for balls in (5, 20):
-        env = PointMazeEnv(task, seeds=(0,), copies=balls, episodes="round", reward="hidden")
-        collector = iter(RoundCollector(env, sac.policy(balls, FRAMES)))
-        works[str(balls)], frames[str(balls)] = partial(next, collector), FRAMES * balls
+        works[str(balls)], frames[str(balls)] = partial(ours.collect, sac, balls), FRAMES * balls
     seconds = taken_in_turns(works, rounds)
     rate = {name: frames[name] / best for name, best in seconds.items()}
     rows = [

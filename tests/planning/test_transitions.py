@@ -22,9 +22,7 @@ def model(problem: Problem, prior: str, pseudo: float, *steps: tuple[int, int, i
     counts.start(problem)
     for s, a, then in steps:
         shape = (problem.replicas, 1, 1)
-        counts.observe(
-            Windows.of_grid(*(torch.full(shape, v) for v in (s, a, then)), torch.zeros(shape[:2], dtype=torch.float64))
-        )
+        counts.observe(Windows.of_grid(*(torch.full(shape, value) for value in (s, a, then)), torch.zeros(shape[:2])))
     return counts.probabilities()
 
 
@@ -88,10 +86,7 @@ def test_shift_mixture_by_hand(make_problem: Callable[..., Problem]) -> None:
     mixture = ShiftMixture(pseudo_counts=4.0, shift_counts=3.0)
     mixture.start(problem)
     for s, then in ((1, 2), (2, 2), (0, 0)):
-        shape = (1, 1, 1)
-        mixture.observe(
-            Windows.of_grid(*(torch.full(shape, v) for v in (s, 0, then)), torch.zeros(1, 1, dtype=torch.float64))
-        )
+        mixture.observe(Windows.of_grid(*(torch.full((1, 1, 1), value) for value in (s, 0, then)), torch.zeros(1, 1)))
     found = mixture.probabilities()[0, :, 0]
     assert found[1].tolist() == pytest.approx([0.8 / 5, 1.6 / 5, (1 + 1.6) / 5, 0])
     assert found[0].tolist() == pytest.approx([(1 + 4 * 0.6) / 5, 4 * 0.4 / 5, 0, 0])
@@ -99,8 +94,8 @@ def test_shift_mixture_by_hand(make_problem: Callable[..., Problem]) -> None:
 
 
 def part(windows: Windows, replicas: slice, rows: slice) -> Windows:
-    pieces = (windows.grid(column) for column in (windows.states, windows.actions, windows.next_states))
-    return Windows.of_grid(*(piece[replicas, rows] for piece in pieces), windows.labels[replicas, rows])
+    pieces = (*map(windows.grid, (windows.states, windows.actions, windows.next_states)), windows.labels)
+    return Windows.of_grid(*(piece[replicas, rows] for piece in pieces))
 
 
 def test_observed_counts_against_a_table_of_counts(

@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 import torch
+from credit.core.trajectories import ContinuousProblem
+from credit.core.types import Problem, Recovery
 
 from credit.core.cells import PAIRS, Cells
 from credit.core.errors import UserError
-from credit.core.trajectories import ContinuousProblem
-from credit.core.types import Problem, Recovery
 from credit.recovery.bonuses import (
     Count,
     Disagreement,

@@ -8,16 +8,16 @@ from statistics import median
 
 import pytest
 import torch
-from torch import Tensor
-
 from credit.core.continuous import Scaler, StepModel
-from credit.core.errors import UserError
 from credit.core.interfaces import Bonus, FeatureMap, Mixer
 from credit.core.trajectories import ContinuousProblem, Moves, Trajectories, TrajectoryDataset
+from credit.recovery.step_recovery import StepRecovery
+from torch import Tensor
+
+from credit.core.errors import UserError
 from credit.recovery.bonuses import Disagreement, LocalMSE
 from credit.recovery.mixers import ReferenceOnly, RelativeMSE
 from credit.recovery.mixers import Uniform as EqualWeights
-from credit.recovery.step_recovery import StepRecovery
 
 MakeProblem = Callable[..., ContinuousProblem]
 Make = Callable[..., Trajectories]

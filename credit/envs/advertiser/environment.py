@@ -89,7 +89,7 @@ class Advertiser(TabularEnvironment):
 
     def knowledge(self) -> LineKnowledge:
         """That populations lie on a line; and P, for oracles."""
-        return LineKnowledge(self.mdp.backup)
+        return LineKnowledge(self.mdp.transitions.backup)
 
 
 class AdvertiserEnv(TabularGymEnv):

@@ -29,8 +29,9 @@ class ExactMDP(Protocol):
     def initial(self) -> Tensor:
         """The initial distribution [S]."""
 
-    def backup(self, values: Tensor) -> Tensor:
-        """Σ P(s'|s, a) v(s') [..., S, A] of values [..., S]."""
+    @property
+    def transitions(self) -> KnownTransitions:
+        """P alone."""
 
 
 class ExactEnvironment(Environment):
@@ -87,7 +88,7 @@ class ExactEnvironment(Environment):
 
     def knowledge(self) -> KnownTransitions:
         """P, for oracles."""
-        return KnownTransitions(self.mdp.backup)
+        return self.mdp.transitions
 
 
 def cumulative(rows: Tensor) -> Tensor:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar
 
 import gymnasium
@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from credit.core.errors import UserError
+from credit.core.knowledge import KnownTransitions
 from credit.core.problem import Problem
 from credit.core.truth import ContinuingTruth
 from credit.envs.exact.base import ExactEnvironment, cumulative
@@ -52,7 +53,12 @@ class TabularMDP:
 
     def backup(self, values: Tensor) -> Tensor:
         """The expected next value Σ P(s'|s, a) v(s') [..., S, A] of values [..., S]."""
-        return torch.einsum("sat,...t->...sa", self.transition, values)
+        return expected(self.transition, values)
+
+    @property
+    def transitions(self) -> KnownTransitions:
+        """P alone, without a way back to the rewards."""
+        return KnownTransitions(partial(expected, self.transition))
 
     @cached_property
     def optimal(self) -> solve.Plan:
@@ -68,6 +74,11 @@ class TabularMDP:
     def diameter(self) -> float:
         """D of appendix C.1.1, in steps."""
         return solve.diameter(self.transition)
+
+
+def expected(transition: Tensor, values: Tensor) -> Tensor:
+    """Σ P(s'|s, a) v(s') [..., S, A] of P [S, A, S] and values [..., S]."""
+    return torch.einsum("sat,...t->...sa", transition, values)
 
 
 class TabularEnvironment(ExactEnvironment):

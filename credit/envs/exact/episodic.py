@@ -14,6 +14,7 @@ from torch import Tensor
 
 from credit.core.cells import Cells
 from credit.core.errors import UserError
+from credit.core.knowledge import KnownTransitions
 from credit.core.problem import FLOAT, Problem
 from credit.core.truth import EpisodicTruth
 from credit.envs.exact.base import ExactEnvironment, cumulative
@@ -70,10 +71,12 @@ class SuccessorMDP:
 
     def backup(self, values: Tensor) -> Tensor:
         """The expected next value Σ P(s'|s, a) v(s') [..., S, A] of values [..., S]."""
-        columns = values.reshape(-1, self.states).T.cpu().numpy()
-        # N × (R·S) chosen rows would be gathered at full width W; the sparse product reads each non-zero once.
-        expected = torch.from_numpy(self._sparse @ columns).T
-        return expected.reshape(*values.shape, self.actions)
+        return expected(self._sparse, values)
+
+    @property
+    def transitions(self) -> KnownTransitions:
+        """P alone, without a way back to the rewards."""
+        return KnownTransitions(partial(expected, self._sparse))
 
     def optimal(self, horizon: int, additive: bool) -> tuple[Tensor, Tensor]:
         """The best values [T+1, S] and a policy [T, S] that attains them, of ties the first action.
@@ -119,6 +122,14 @@ class SuccessorMDP:
         rows = possible.nonzero()[:, 0]
         cells = (rows.numpy(), self.next_states[possible].numpy())
         return csr_array((self.probabilities[possible].numpy(), cells), shape=(len(possible), self.states))
+
+
+def expected(transition: csr_array, values: Tensor) -> Tensor:
+    """Σ P(s'|s, a) v(s') [..., S, A] of a sparse P [S·A, S] and values [..., S]."""
+    pairs, states = transition.shape
+    # N × (R·S) chosen rows would be gathered at full width W; the sparse product reads each non-zero once.
+    ahead = torch.from_numpy(transition @ values.reshape(-1, states).T.cpu().numpy()).T
+    return ahead.reshape(*values.shape, pairs // states)
 
 
 class EpisodicEnvironment(ExactEnvironment):

@@ -100,7 +100,7 @@ class PointMaze(Environment):
                 raise UserError(f"env.one_sided=stop: {describe(known[0])} one_sided=go_on trains nevertheless")
         self._shape = (problem.replicas, copies)
         self._balls = Balls(self._task, noise(problem.seeds, copies, purpose))
-        self._balls.reset()  # where they lie before the first episode
+        self._balls.reset()  # where they lie before the first episode: it takes a draw of its own
 
     def twin(self) -> PointMaze:
         """Another, to be started: that makes new balls."""
@@ -115,15 +115,15 @@ class PointMaze(Environment):
     def step(self, actions: Tensor, mask: Tensor | None = None) -> Transitions:
         """Push the balls of the mask; the facts are `success` [R, K] and `goals`, where they are [R, K, 2]."""
         balls = self._balls
-        moved = slice(None) if mask is None else mask.cpu().numpy().reshape(-1)
-        balls.step(actions.reshape(-1, ACTIONS).cpu().numpy(), np.arange(len(balls))[moved].tolist())
+        moved = None if mask is None else np.flatnonzero(mask.cpu().numpy()).tolist()
+        balls.step(actions.cpu().numpy().reshape(-1, ACTIONS), moved)
         distances = balls.distances
         reached = distances <= RADIUS
         rewards = np.exp(-distances).astype(np.float32) if self.primitive == "dense" else reached
         success = self._of_copies(reached)
         return Transitions(
             self._of_copies(balls.states.astype(np.float32)),
-            self._of_copies(rewards.astype(np.float64)),
+            self._of_copies(rewards.astype(np.float64)),  # `dense` is rounded as TorchRL's face has it
             success,
             self._of_copies(balls.elapsed >= self._task.horizon),
             {"success": success, "goals": self._goals},
@@ -139,7 +139,7 @@ class PointMaze(Environment):
 
     def _of_copies(self, values: np.ndarray) -> Tensor:
         """Values [R·K, ...] of the balls as [R, K, ...] on the problem's device."""
-        return torch.from_numpy(values).to(self._problem.device).unflatten(0, self._shape)
+        return torch.from_numpy(values.reshape(*self._shape, *values.shape[1:])).to(self._problem.device)
 
     def demonstrations(self) -> tuple[Windows, Tensor] | None:
         """The labelled trajectories that all methods start from, and their primitive rewards [R, n].

@@ -47,9 +47,9 @@ class MazeCells(_OfMaze):
     """One feature a free cell, that of the state: a ridge on them is the box surrogate."""
 
     def __call__(self, steps: Steps) -> Tensor:
-        """One-hot rows [..., free cells], float32, in the order of `maze.free`."""
+        """One-hot rows [..., free cells], bool, in the order of `maze.free`."""
         cells = self.geometry.cells(steps.states)
-        return torch.nn.functional.one_hot(cells, len(self.geometry.maze.free)).float()
+        return torch.nn.functional.one_hot(cells, len(self.geometry.maze.free)).bool()
 
 
 class MazeGeometry(_OfMaze):

@@ -191,7 +191,7 @@ class Sepsis(EpisodicEnvironment):
 
     def knowledge(self) -> SepsisKnowledge:
         """The digits of a patient's number; and P, for oracles."""
-        return SepsisKnowledge(self.mdp.backup, RADIX)
+        return SepsisKnowledge(self.mdp.transitions.backup, RADIX)
 
     def summary(self, cells: Cells) -> dict[str, Tensor]:
         """How many vitals are abnormal, and how many treatments are given: of s', or in s and by the action."""

@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 import torch
 import torch.nn.functional as F
+from credit.core.continuous import NetworkUncertainty, Posterior
+from credit.core.trajectories import ContinuousProblem, Moves, Trajectories
 from torch import Tensor
 
-from credit.core.continuous import NetworkUncertainty, Posterior
 from credit.core.errors import RunError
 from credit.core.streams import generators
-from credit.core.trajectories import ContinuousProblem, Moves, Trajectories
 from credit.networks.stack import Stack
 from credit.recovery.features.motion import Motion
 from credit.recovery.models.batches import balanced, every, padding

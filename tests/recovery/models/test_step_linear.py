@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from credit.core.interfaces import FeatureMap
+from credit.core.trajectories import ContinuousProblem, Moves, Trajectories
+from credit.recovery.models.step_linear import StepLinear
+from credit.recovery.models.step_primitive import StepPrimitive
 from torch import Tensor
 
 from credit.core.errors import RunError
-from credit.core.interfaces import FeatureMap
-from credit.core.trajectories import ContinuousProblem, Moves, Trajectories
 from credit.recovery.features.motion import Motion
-from credit.recovery.models.step_linear import StepLinear
-from credit.recovery.models.step_primitive import StepPrimitive
 
 MakeWalks = Callable[..., tuple[ContinuousProblem, Trajectories]]
 

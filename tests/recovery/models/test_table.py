@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import torch
-
 from credit.core.types import FLOAT, Problem, Windows
+
 from credit.recovery.models import table
 from credit.recovery.models.table import Design, TableModel
 

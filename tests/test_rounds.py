@@ -9,9 +9,10 @@ import pytest
 import torch
 
 from credit.agents.random import Random
-from credit.core.dataset import Dataset
 from credit.core.errors import UserError
-from credit.core.interfaces import CreditAssigner
+from credit.core.policy import tabulate
+from credit.core.seams import CreditAssigner
+from credit.core.store import Store
 from credit.trainer import Trainer
 
 Make = Callable[..., Trainer]
@@ -30,12 +31,12 @@ class Fixed(Random):
     def __init__(self) -> None:
         self.rounds: list[int] = []
 
-    def act(self, states: torch.Tensor, step: int) -> torch.Tensor:
+    def act(self, states: torch.Tensor, step: torch.Tensor) -> torch.Tensor:
         return (states + step) % 3
 
-    def improve(self, dataset: Dataset, assigner: CreditAssigner) -> None:
-        assert dataset.new.labels.shape[1] == len(dataset) - sum(self.rounds)
-        self.rounds.append(dataset.new.labels.shape[1])
+    def improve(self, store: Store, assigner: CreditAssigner) -> None:
+        assert store.new.labels.shape[1] == len(store) - sum(self.rounds)
+        self.rounds.append(store.new.labels.shape[1])
 
 
 @pytest.mark.parametrize(
@@ -65,8 +66,9 @@ def test_rounds_by_hand(
     trainer.start((0, 1))
     run(trainer)
     assert spy.rounds == expected
-    windows = trainer.dataset.windows
-    by_state = ((windows.states + torch.arange(7)) % 3 == windows.actions).all(-1)  # by chance once in 2187 windows
+    windows = trainer.store.windows
+    # by chance once in 2187 windows
+    by_state = windows.grid((windows.states + windows.times) % 3 == windows.actions).all(-1)
     assert by_state.tolist() == [[False] * random + [True] * (10 - random)] * 2
 
 
@@ -76,13 +78,13 @@ def test_random_windows_are_those_of_the_random_method(make_trainer: Make) -> No
     late = make_trainer("disagreement", (3, 4), "trainer.steps=140", "trainer.random_windows=12")
     for trainer in (random, late):
         run(trainer)
-    theirs, mine = random.dataset.windows, late.dataset.windows
-    assert torch.equal(mine.actions[:, :12], theirs.actions[:, :12])
+    theirs, mine = random.store.windows, late.store.windows
+    assert torch.equal(mine.actions[:, :84], theirs.actions[:, :84])
     assert torch.equal(mine.labels[:, :12], theirs.labels[:, :12])
-    assert not torch.equal(mine.actions[:, 12:], theirs.actions[:, 12:])
+    assert not torch.equal(mine.actions[:, 84:], theirs.actions[:, 84:])
     shares = make_trainer("disagreement", tuple(range(40)), "trainer.steps=70", "trainer.random_windows=10")
     run(shares)
-    frequencies = shares.dataset.windows.actions.flatten().bincount(minlength=3) / 2800
+    frequencies = shares.store.windows.actions.flatten().bincount(minlength=3) / 2800
     assert (frequencies - 1 / 3).abs().max() < 5 * (2 / 9 / 2800) ** 0.5
 
 
@@ -101,7 +103,9 @@ def test_random_windows_count_as_the_uniform_policy(make_trainer: Make, feedback
     improve = trainer.optimizer.improve
 
     def spy(*arguments: Any) -> None:
-        executed.append(mdp.evaluate(trainer.optimizer.executed(), additive))  # that of the round which ends here
+        policy = tabulate(trainer.optimizer.executed(), trainer.problem)
+        assert policy is not None
+        executed.append(mdp.evaluate(policy, additive))  # that of the round which ends here
         improve(*arguments)
 
     trainer.optimizer.improve = spy  # type: ignore[method-assign]
@@ -123,10 +127,11 @@ def test_random_windows_count_as_the_uniform_policy(make_trainer: Make, feedback
 def test_what_random_windows_show_is_learned_from(make_trainer: Make) -> None:
     trainer = make_trainer("reference", (0,), "trainer.steps=70", "trainer.random_windows=10")
     run(trainer)
-    recovery = trainer.recovery()
-    assert recovery is not None
-    assert recovery.visits.sum() == 70
-    assert recovery.mixed.abs().max() > 0.1
+    belief = trainer.belief()
+    assert belief is not None
+    assert belief.visits is not None
+    assert belief.visits.sum() == 70
+    assert belief.mixed.abs().max() > 0.1
 
 
 @pytest.mark.parametrize("key", ["windows_per_round", "first_windows_per_round", "random_windows"])
@@ -136,7 +141,7 @@ def test_more_windows_than_the_run_has_are_refused(make_trainer: Make, key: str)
     setattr(trainer, key, 10)
     trainer.start((0,))
     run(trainer)
-    assert len(trainer.dataset) == 10
+    assert len(trainer.store) == 10
     setattr(trainer, key, 11)
     with pytest.raises(
         UserError, match=rf"trainer\.{key}=11: more than the 10 windows.*steps=76.*window=7.*at most 10"
