@@ -409,6 +409,10 @@ def test_a_state_goes_on_to_the_bit(problem: Problem, make_windows: MakeWindows)
         other.start(task)
         other.load_state_dict(one.state_dict())
         again.load_state_dict(store.state_dict())
+        sight = torch.arange(STATES).expand(3, -1) if task.finite_states else torch.randn(2, STATES, 2)
+        for step in range(task.window):  # before it learns again, too
+            acts = [each.policies()["greedy"].act(sight, torch.full(sight.shape[:2], step)) for each in (one, other)]
+            assert torch.equal(*acts)
         for each, memory in ((one, store), (other, again)):
             memory.append(pieces[1])
             each.improve(memory, Delayed())
