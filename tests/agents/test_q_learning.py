@@ -61,20 +61,19 @@ def test_two_steps_by_hand(make_problem: Make) -> None:
 def test_exploration_falls_from_window_to_window_to_its_floor(make_problem: Make, make_windows: MakeWindows) -> None:
     # In 2,000 replicas the share of actions that are not greedy (action 0, Q = 0) is ε·2/3; its s.e. is at most .011.
     problem = make_problem(range(2000))
-    learner = QLearning(epsilon=0.9, epsilon_decay=0.5, epsilon_floor=0.3)
+    learner = QLearning(epsilon=0.9, epsilon_decay=0.5, epsilon_floor=0.1)
     store = Store(problem)
     learner.start(problem)
     states = torch.zeros(2000, dtype=torch.int64)
-    silent = make_windows(problem, 1)
-    silent = replace(silent, labels=torch.zeros_like(silent.labels))
-    for expected in (0.9, 0.45, 0.3, 0.3):
+    for expected, more in ((0.9, 1), (0.45, 2), (0.1125, 1), (0.1, 1), (0.1, 1)):
         table = learner.executed().probabilities(torch.arange(10), 0)
         assert table is not None
         torch.testing.assert_close(table[:, :, 1:], torch.full((2000, 10, 2), expected / 3).double())
         torch.testing.assert_close(table.sum(-1), torch.ones(2000, 10).double())
         share = float((acted(learner, states) != 0).double().mean())
         assert abs(share - expected * 2 / 3) < 0.045
-        store.append(silent)
+        silent = make_windows(problem, more)
+        store.append(replace(silent, labels=torch.zeros_like(silent.labels)))
         learner.improve(store, Delayed())
 
 
