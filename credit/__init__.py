@@ -11,12 +11,17 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 if TYPE_CHECKING:
     from credit.runs.load import Run, load
     from credit.runs.resume import resume
     from credit.runs.runner import Result, compose, run
+
+import credit.envs  # noqa: F401 - registers our environments with Gymnasium, by their names alone
+from credit.renamed import answer_old_imports
+
+answer_old_imports()
 
 os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # TorchRL reads it once, and tells of every buffer otherwise
 

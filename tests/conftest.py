@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -10,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+import yaml
 from hypothesis import settings
 from torch import Tensor
 
@@ -28,7 +31,10 @@ settings.load_profile("credit")
 
 # Rooms, and files that go there, in which nothing is rounded: all other tests run again under other instruction sets.
 NO_NUMBERS = {"bench", "cli", "config", "report", "runs", "tracking"}
-NO_NUMBERS |= {f"test_{name}.py" for name in ("checkpoint", "job", "locks", "processors", "registry", "runs", "wheel")}
+NO_NUMBERS |= {
+    f"test_{name}.py"
+    for name in ("checkpoint", "dependencies", "job", "locks", "processors", "registry", "runs", "wheel")
+}
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -39,9 +45,25 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.numerical)
 
 
+LATER = re.compile(r"(trainer|env)\.\w+=[\w.]+")  # keys that nothing refers to: they may be set after composing
+
+
 @cache
 def _composed(overrides: tuple[str, ...]) -> dict[str, Any]:
-    return job.checked(registry.compose(["tracking=none", *overrides]))
+    """Checked anew for every words, and composed once for all that differ in a few numbers: that takes the time."""
+    later = [text for text in overrides if LATER.fullmatch(text)]
+    config = deepcopy(_chosen(tuple(text for text in overrides if text not in later)))
+    for text in later:
+        path, _, value = text.partition("=")
+        node, key = path.split(".")
+        assert key in config[node], f"{node} has no {key}"
+        config[node][key] = yaml.safe_load(value)
+    return job.checked(config)
+
+
+@cache
+def _chosen(overrides: tuple[str, ...]) -> dict[str, Any]:
+    return registry.compose(["tracking=none", *overrides])
 
 
 @pytest.fixture(scope="session")

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ASK = "import torch; print(torch.backends.cpu.get_cpu_capability().lower())"
-ARGUMENTS = ("-n", "2", "-m", "numerical and not slow")
+ARGUMENTS = ("-n", "2", "--dist", "loadfile", "-m", "numerical and not slow")
 
 
 @dataclass(frozen=True)

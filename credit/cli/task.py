@@ -85,7 +85,7 @@ class Task:
         try:
             from credit.runs.runner import run_job  # takes seconds, in which one may be interrupted
 
-            result = run_job(config, overrides, session, number, pulse.progress)
+            result = run_job(config, overrides, session, number, pulse.progress, owns_process=True)
             pulse.halt()
             values = {key: float(result.metrics[key].mean()) for key in HEADLINES if key in result.metrics}
             seeds = {name: len(getattr(result, name, ())) for name in ("computed", "skipped", "resumed")}

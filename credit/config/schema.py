@@ -19,6 +19,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from credit.config.signatures import REQUIRED, component_kind, describe, signature, takes_several
 from credit.core.component import Component
 from credit.core.errors import UserError, nearest
+from credit.renamed import today
 
 ENTRY_POINTS = "credit.components"
 STRICT = ConfigDict(strict=True, allow_inf_nan=False)
@@ -215,6 +216,8 @@ def resolve(path: str, node: Mapping[str, Any]) -> type[Component]:
     try:
         found = getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError) as error:
+        if (now := today(target)) != target:
+            raise UserError(f"{path}._target_={target!r} has another name now: {now}") from None
         raise UserError(f"{path}._target_={target!r} cannot be imported: {error}") from None
     if not (isinstance(found, type) and issubclass(found, Component)):
         raise UserError(f"{path}._target_={target!r} is not a component of credit")

@@ -1,4 +1,8 @@
-"""Environments. Importing this package registers `credit/Advertiser-v0` and `credit/Sepsis-v0` with Gymnasium."""
+"""Environments. `import credit` registers `credit/Advertiser-v0` and `credit/Sepsis-v0` with Gymnasium.
+
+Gymnasium knows no plug-ins; without that import, `gymnasium.make("credit.envs:credit/Sepsis-v0")` does the same. Only
+strings are registered: PyTorch is imported when an environment is made.
+"""
 
 from __future__ import annotations
 

@@ -15,11 +15,12 @@ from typing import Any
 
 import yaml
 
+import credit
 from credit.core.errors import UserError
 
 FLUSH_SECONDS = 1.0
 SECONDS = "time/seconds"
-PACKAGES = ("credit", "torch", "numpy", "gymnasium", "hydra-core", "mlflow")
+PACKAGES = ("torch", "numpy", "gymnasium", "hydra-core", "mlflow")
 
 
 class Journal:
@@ -180,7 +181,7 @@ def git_commit() -> str | None:
 @cache
 def versions() -> dict[str, str]:
     """Versions of the packages that decide a result."""
-    found = {}
+    found = {"credit": credit.__version__}
     for package in PACKAGES:
         try:
             found[package] = version(package)

@@ -14,11 +14,11 @@ from credit.runs.runner import Progress, Result, run_job
 from credit.runs.session import Session
 
 
-def resume(folder: str | Path, progress: Progress | None = None) -> list[Result]:
+def resume(folder: str | Path, progress: Progress | None = None, owns_process: bool = False) -> list[Result]:
     """Go on with the unfinished runs in or below a folder; those that were computed side by side are again.
 
     Args:
-        folder: a run's folder, or one with runs below it. progress: as in `credit.run`.
+        folder: a run's folder, or one with runs below it. progress, owns_process: as in `credit.run`.
 
     Returns:
         One result a job; none where all is done.
@@ -44,7 +44,7 @@ def resume(folder: str | Path, progress: Progress | None = None) -> list[Result]
     status, results = "KILLED", list[Result]()
     try:
         for number, (config, place) in enumerate(found):
-            results.append(run_job(config, [], session, number, progress, place))
+            results.append(run_job(config, [], session, number, progress, place, owns_process))
         status = "FAILED" if any(result.status != "FINISHED" for result in results) else "FINISHED"
     finally:
         session.finish(status)

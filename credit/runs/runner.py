@@ -54,13 +54,20 @@ def compose(overrides: Sequence[str] = (), *, config_dirs: Sequence[str] = ()) -
     return jobs.checked(registry.compose(overrides, config_dirs))
 
 
-def run(overrides: Sequence[str] = (), *, config_dirs: Sequence[str] = (), progress: Progress | None = None) -> Result:
+def run(
+    overrides: Sequence[str] = (),
+    *,
+    config_dirs: Sequence[str] = (),
+    progress: Progress | None = None,
+    owns_process: bool = False,
+) -> Result:
     """Run one job from Python, as `credit train` does.
 
     Args:
         overrides: as on the command line: `["method=reference", "replicas=5"]`.
         config_dirs: further folders of YAML files.
         progress: called with (title, steps done, steps in all).
+        owns_process: whether credit may set the process's threads (to one) and handle its signals, as a command does.
 
     Raises:
         UserError: the configuration is wrong; nothing was made.
@@ -79,7 +86,7 @@ def run(overrides: Sequence[str] = (), *, config_dirs: Sequence[str] = (), progr
     tracking.start(session.folder, job.folder)
     status = "KILLED"
     try:
-        result = run_job(config, list(overrides), session, 0, progress)
+        result = run_job(config, list(overrides), session, 0, progress, owns_process=owns_process)
         status = result.status
     finally:
         session.finish(status)
@@ -111,6 +118,7 @@ def run_job(
     number: int,
     progress: Progress | None = None,
     parent: Path | None = None,
+    owns_process: bool = False,
 ) -> Result:
     """Compute the seeds of a checked job that are not done yet, and go on with those that were interrupted.
 
@@ -119,19 +127,22 @@ def run_job(
     Args:
         config: checked. overrides: as they were typed. session, number: whose job it is. progress: as in `run`.
         parent: the folder of its runs, where that is not to be told from the overrides.
+        owns_process: whether the process is there for the job alone: it then computes on one thread, and SIGINT or
+            SIGTERM end the run after its round, with a checkpoint. A library leaves both to its user.
 
     Raises:
         UserError: the parts refuse their sizes, or a folder holds another run; no run was touched.
         KeyboardInterrupt: after a signal, with checkpoints written and journals closed with status KILLED.
     """
-    torch.set_num_threads(1)
+    if owns_process:
+        torch.set_num_threads(1)
     job = jobs.Job.of(config)
     begun, computed, resumed = time.monotonic(), list[int](), list[int]()
     status, error = "FINISHED", None
     with folders.claimed(config, parent or folder_of(config, overrides)) as found:
         for group in found.groups:
             work = Work(config, overrides, session, number, found, group)
-            status, error = work.compute(progress)
+            status, error = work.compute(progress, hear=owns_process)
             computed += group.wanted
             resumed += group.wanted if group.interrupted else ()
             if status != "FINISHED":

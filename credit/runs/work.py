@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from typing import Any
 
 import torch
@@ -59,8 +59,11 @@ class Work:
         self._saved, self._rounds = time.monotonic(), self.trainer.rounds
         self._news = self.job.title
 
-    def compute(self, progress: Progress | None = None) -> tuple[str, str | None]:
+    def compute(self, progress: Progress | None = None, hear: bool = False) -> tuple[str, str | None]:
         """Run to the end; the status, and why it failed.
+
+        Args:
+            progress: as in `credit.run`. hear: whether SIGINT and SIGTERM end the run after its round.
 
         Raises:
             KeyboardInterrupt: a signal said so.
@@ -72,7 +75,7 @@ class Work:
                 progress(self._news, steps, trainer.steps)
 
         try:
-            with signals.noted() as stop:
+            with signals.noted() if hear else nullcontext(signals.Stop()) as stop:
                 trainer.run(self._note, show, lambda: self._between(stop))
             for index, seed in enumerate(self.group.seeds):
                 if seed in self.group.wanted:

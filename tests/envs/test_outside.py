@@ -34,7 +34,7 @@ def trained(env: Shelves, agent: Agent, feedback: Feedback | None = None) -> tup
     return trainer, journal
 
 
-@pytest.mark.parametrize(("view", "agent"), [("auto", Random), ("vector", Random), ("vector", sac)])
+@pytest.mark.parametrize(("view", "agent"), [("auto", Random), ("vector", Random), ("auto", sac), ("vector", sac)])
 def test_agents_that_can_take_its_spaces_run(view: str, agent: Callable[[], Agent]) -> None:
     trainer, journal = trained(Shelves(view), agent())  # type: ignore[arg-type]
     assert [step for step, _ in journal] == [24, 48, 72, 96]
@@ -57,7 +57,5 @@ def test_success_is_judged_where_it_is_the_label() -> None:
 def test_agents_that_cannot_say_why() -> None:
     with pytest.raises(UserError, match=r"QLearning needs .*actions that are numbers.*here they are vectors"):
         trained(Shelves(), QLearning())
-    with pytest.raises(UserError, match=r"SAC needs states that are vectors.*here they are numbers"):
-        trained(Shelves(), sac())
     with pytest.raises(UserError, match=r"Terminal reads the reward of a window's last step"):
         trained(Shelves(), Random(), Terminal(12))

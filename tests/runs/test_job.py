@@ -44,7 +44,7 @@ def problems(*overrides: str) -> list[str]:
         ("env.p_down=???", ["env.p_down", "a value is missing"]),
         (
             "optimizer=sac",
-            ["optimizer: SAC needs states that are vectors (Box)", "episodic"],
+            ["optimizer: SAC needs actions that are vectors (Box)", "numbers (Discrete)"],
         ),
         ("reference._target_=os.system", ["reference._target_='os.system'", "only classes of these packages"]),
         ("surrogates.linear.name=ridge", ["different names", "ridge"]),
