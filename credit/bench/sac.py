@@ -63,7 +63,7 @@ def updates(rounds: int = 8) -> list[Row]:
         Row("speed over TorchRL", f"{stock / ours:.2f}", "≥ 1.6", stock >= 1.6 * ours),
     ]
     if not rest:
-        return [*rows, Row("speed over Stable-Baselines3", "not installed: pip install 'credit[bench]'", "≥ 1.25")]
+        return [*rows, Row("speed over Stable-Baselines3", "not installed: pip install 'credit-rl[bench]'", "≥ 1.25")]
     return [*rows, Row("speed over Stable-Baselines3", f"{rest[0] / ours:.2f}", "≥ 1.25", rest[0] >= 1.25 * ours)]
 
 

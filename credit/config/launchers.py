@@ -43,7 +43,7 @@ def choose(overrides: Sequence[str], jobs: int, gpu: bool, config_dirs: Sequence
     if package in EXTRAS and importlib.util.find_spec(f"hydra_plugins.{package}") is None:
         raise UserError(
             f"{next(text for text in words if text.startswith('hydra/launcher='))}: {package} is not installed; "
-            f"pip install 'credit[{EXTRAS[package]}]', or choose hydra/launcher=local"
+            f"pip install 'credit-rl[{EXTRAS[package]}]', or choose hydra/launcher=local"
         )
     if node.get("n_jobs", 0) is None:
         words.append(f"hydra.launcher.n_jobs={workers}")

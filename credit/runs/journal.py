@@ -15,11 +15,12 @@ from typing import Any
 
 import yaml
 
+from credit import __version__
 from credit.core.errors import UserError
 
 FLUSH_SECONDS = 1.0
 SECONDS = "time/seconds"
-PACKAGES = ("credit", "torch", "numpy", "gymnasium", "hydra-core", "mlflow")
+PACKAGES = ("torch", "numpy", "gymnasium", "hydra-core", "mlflow")
 
 
 class Journal:
@@ -180,7 +181,7 @@ def git_commit() -> str | None:
 @cache
 def versions() -> dict[str, str]:
     """Versions of the packages that decide a result."""
-    found = {}
+    found = {"credit": __version__}  # of the code that runs, whatever is installed beside it
     for package in PACKAGES:
         try:
             found[package] = version(package)

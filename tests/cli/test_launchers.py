@@ -164,7 +164,7 @@ def test_a_ray_cluster_that_loses_a_node_in_mid_sweep(site):
 
 def test_a_launcher_that_is_not_installed(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(UserError, match=r"pip install 'credit\[ray\]'"):
+    with pytest.raises(UserError, match=r"pip install 'credit-rl\[ray\]'"):
         launchers.choose(["hydra/launcher=ray"], 2, False)
     with pytest.raises(UserError, match="did you mean 'slurm'"):
         launchers.choose(["hydra/launcher=slrum"], 2, False)

@@ -27,7 +27,7 @@ def test_eight_processes_on_a_fresh_sqlite_store(tmp_path: Path) -> None:
 def test_eight_writers_on_postgresql() -> None:
     if postgresql_programs() is None:
         pytest.skip("PostgreSQL is not installed: apt-get install postgresql")
-    pytest.importorskip("psycopg", reason="pip install 'credit[server]'")
+    pytest.importorskip("psycopg", reason="pip install 'credit-rl[server]'")
     with workshop() as folder:
         (folder / "database").mkdir()
         with postgresql(folder / "database") as store, Server(store, folder) as server, writers() as processes:
