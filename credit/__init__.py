@@ -11,6 +11,8 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, Any
 
+from credit.envs.registration import register_soon
+
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from credit.runs.runner import Result, compose, run
 
 os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # TorchRL reads it once, and tells of every buffer otherwise
+register_soon()  # our environments, with Gymnasium, once it is imported
 
 __all__ = ["Result", "Run", "compose", "load", "resume", "run"]
 _HOMES = {

@@ -11,7 +11,7 @@ import scipy.stats
 import torch
 from gymnasium.utils.env_checker import check_env
 
-import credit.envs  # noqa: F401 - registers credit/Advertiser-v0
+import credit  # noqa: F401 - registers credit/Advertiser-v0
 from credit.core.errors import UserError
 from credit.core.types import Problem, Windows
 from credit.envs.advertiser.environment import Advertiser
