@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.installed
 
-.PHONY: demo test test-slow golden lint format wheel clean
+.PHONY: demo test test-slow test-processors golden lint format wheel clean
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
@@ -16,10 +16,14 @@ demo: $(STAMP)
 	$(BIN)/credit compare experiment=advertiser
 
 test: $(STAMP)
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist loadfile
+
+# The numerical tests again under every other instruction set that this processor has.
+test-processors: $(STAMP)
+	$(BIN)/python tests/processors.py
 
 test-slow: $(STAMP)
-	$(BIN)/python -m pytest -n 2 -m "slow or not slow"
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "slow or not slow"
 
 # Short runs of every method, by the code before the redesign and by this: the same to the bit?
 golden: $(STAMP)

@@ -12,8 +12,9 @@ import os
 from typing import TYPE_CHECKING, Any
 
 from credit.envs.registration import register_soon
+from credit.renamed import answer_old_imports
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 if TYPE_CHECKING:
     from credit.runs.load import Run, load
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from credit.runs.runner import Result, compose, run
 
 os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # TorchRL reads it once, and tells of every buffer otherwise
+answer_old_imports()
 register_soon()  # our environments, with Gymnasium, once it is imported
 
 __all__ = ["Result", "Run", "compose", "load", "resume", "run"]

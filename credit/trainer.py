@@ -1,4 +1,4 @@
-"""The six arrows: collect → feedback → dataset → recover → relabel → improve. One trainer for every experiment."""
+"""The arrows: collect → feedback → windows → recover → relabel → improve. One trainer for every problem."""
 
 from __future__ import annotations
 
@@ -10,21 +10,16 @@ import torch
 from torch import Tensor
 
 from credit.agents.random import Random
+from credit.core.belief import Belief
+from credit.core.capabilities import parts_of, require
 from credit.core.component import Component
-from credit.core.dataset import Dataset
 from credit.core.errors import RunError, UserError
-from credit.core.interfaces import (
-    CreditAssigner,
-    Environment,
-    Feedback,
-    Optimizer,
-    Oracle,
-    SomeDataset,
-    SomeProblem,
-    SomeWindows,
-)
-from credit.core.trajectories import TrajectoryDataset
-from credit.core.types import Belief, NonNegativeInt, PositiveInt, Problem
+from credit.core.knowledge import inform
+from credit.core.ranges import NonNegativeInt, PositiveInt
+from credit.core.seams import Agent, CreditAssigner, Environment, Feedback
+from credit.core.store import Store, Windows
+from credit.envs.collect import Collector
+from credit.judges.choose import judge
 
 Log = Callable[[int, dict[str, Tensor]], None]
 
@@ -47,7 +42,7 @@ class Trainer(Component):
     """
 
     keeps: ClassVar = (
-        *("env", "feedback", "assigner", "optimizer", "_explorer", "oracle", "dataset"),
+        *("env", "feedback", "collector", "assigner", "optimizer", "_explorer", "judge", "store"),
         *("rounds", "collected"),
     )
 
@@ -56,7 +51,7 @@ class Trainer(Component):
         env: Environment,
         feedback: Feedback,
         assigner: CreditAssigner,
-        optimizer: Optimizer,
+        optimizer: Agent,
         steps: PositiveInt = 14_000,
         windows_per_round: PositiveInt = 1,
         first_windows: NonNegativeInt = 0,
@@ -92,18 +87,23 @@ class Trainer(Component):
                     f"trainer.{key}={getattr(self, key)}: more than the {whole} windows of the whole run "
                     f"(trainer.steps={self.steps}, feedback.window={window}); take at most {whole}, or more steps"
                 )
-        self.problem: SomeProblem = self.env.problem(window, seeds, device)
-        tabular = isinstance(self.problem, Problem)
-        if self.steps % window and not tabular:
+        self.problem = self.env.problem(window, seeds, device)
+        if self.steps % window and self.problem.episodic and not self.problem.tabular:
             raise UserError(
                 f"trainer.steps={self.steps}: trajectories cannot be cut short; take a multiple of feedback.window="
                 f"{window}, like {max(whole, 1) * window}"
             )
-        for part in (self.env, self.feedback, self.assigner, self.optimizer, self._explorer):
+        roots = {"feedback": self.feedback, "assigner": self.assigner, "optimizer": self.optimizer}
+        require(roots, self.problem)
+        self.env.start(self.problem)
+        parts = [part for name, root in roots.items() for _, part in parts_of(root, name)]
+        inform(parts, self.env.knowledge(), type(self.env).__name__)
+        for part in (self.feedback, self.assigner, self.optimizer, self._explorer):
             part.start(self.problem)
-        self.oracle: Oracle = self.env.oracle(self.problem, self.feedback)
-        self.dataset: SomeDataset = Dataset(self.problem, whole) if tabular else TrajectoryDataset(self.problem)
-        self._shows_primitive = any(model.sees_primitive for model in getattr(self.assigner, "models", ()))
+        self.collector = Collector(self.env, self.feedback, self.problem)
+        self.judge = judge(self.env, self.feedback, self.problem, self.collector.evaluation)
+        self.store = Store(self.problem, self.steps if self.problem.tabular else 0)
+        self._shows_primitive = any(part.sees_primitive for part in parts)
         self.rounds = 0  # that were learned from
         self.collected = 0  # windows of each replica, without demonstrations
 
@@ -141,21 +141,21 @@ class Trainer(Component):
             if self.collected < whole:  # what a last round leaves is not all state
                 between()
         if rest:
-            _, primitive = self.env.collect(self._actor().act, self.feedback, 1, rest)
-            self.oracle.update(primitive, None, self._actor())
+            windows, primitive = self.collector.collect(self._actor(), 1, rest)
+            self.judge.update(windows, primitive, self._actor(), complete=False)
         progress(self.steps)
         log(self.steps, self.metrics())
 
     def metrics(self) -> dict[str, Tensor]:
-        """Metric → [R], judged by the oracle, and what the optimizer says of itself."""
+        """Metric → [R], as judged, and what the optimizer says of itself."""
         own = {f"optimizer/{name}": value for name, value in self.optimizer.diagnostics().items()}
-        return self.oracle.metrics(self.optimizer.policies(), self.recovery()) | own
+        return self.judge.measure(self.optimizer.policies(), self.belief()) | own
 
-    def recovery(self) -> Belief | None:
+    def belief(self) -> Belief | None:
         """What is believed about the reward, where the assigner believes something."""
-        return self.assigner.recovery()
+        return self.assigner.belief()
 
-    def _actor(self) -> Optimizer:
+    def _actor(self) -> Agent:
         return self._explorer if self.collected < self.random_windows else self.optimizer
 
     def _round(self, done: int) -> int:
@@ -164,9 +164,9 @@ class Trainer(Component):
         ends = [end - done for end in (self.first_windows, self.random_windows) if end > done]
         return min([size, *ends])
 
-    def _collect(self, count: int) -> tuple[SomeWindows, Tensor]:
+    def _collect(self, count: int) -> tuple[Windows, Tensor]:
         actor = self._actor()
-        windows, primitive = self.env.collect(actor.act, self.feedback, count, self.problem.window)
+        windows, primitive = self.collector.collect(actor, count)
         finite = torch.isfinite(windows.labels)
         if not finite.all():
             replica, k = (int(i) for i in (~finite).nonzero()[0])
@@ -174,14 +174,14 @@ class Trainer(Component):
                 f"window {self.collected + k} of seed {self.problem.seeds[replica]} has the label "
                 f"{float(windows.labels[replica, k])}: labels must be finite; look at env's reward and at feedback"
             )
-        self.oracle.update(primitive, windows.labels, actor)
+        self.judge.update(windows, primitive, actor)
         return windows, primitive
 
-    def _learn(self, windows: SomeWindows, primitive: Tensor) -> None:
-        self.dataset.append(replace(windows, primitive=primitive) if self._shows_primitive else windows)
+    def _learn(self, windows: Windows, primitive: Tensor) -> None:
+        self.store.append(replace(windows, primitive=primitive) if self._shows_primitive else windows)
         try:
-            self.assigner.observe(self.dataset)
-            self.optimizer.improve(self.dataset, self.assigner)
+            self.assigner.observe(self.store)
+            self.optimizer.improve(self.store, self.assigner)
         except RunError as error:
             raise RunError(f"round {self.rounds}: {error}") from error
         self.rounds += 1

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
+import yaml
 from hypothesis import settings
 from torch import Tensor
 
 import credit
 from credit.config import registry, schema
-from credit.core.trajectories import ContinuousProblem, Moves, Trajectories
-from credit.core.types import Problem, Windows
+from credit.core.problem import Problem
+from credit.core.steps import Steps
+from credit.core.store import Episode, Windows
 from credit.envs.advertiser.environment import Advertiser
 from credit.runs import job
 from credit.trainer import Trainer
@@ -24,10 +29,41 @@ torch.set_num_threads(1)
 settings.register_profile("credit", deadline=None, derandomize=True, database=None, max_examples=40)
 settings.load_profile("credit")
 
+# Rooms, and files that go there, in which nothing is rounded: all other tests run again under other instruction sets.
+NO_NUMBERS = {"bench", "cli", "config", "report", "runs", "tracking"}
+NO_NUMBERS |= {
+    f"test_{name}.py"
+    for name in ("checkpoint", "dependencies", "job", "locks", "processors", "registry", "runs", "wheel")
+}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what `tests/processors.py` runs."""
+    here = Path(__file__).parent
+    for item in items:
+        if item.path.is_relative_to(here) and NO_NUMBERS.isdisjoint(item.path.relative_to(here).parts):
+            item.add_marker(pytest.mark.numerical)
+
+
+LATER = re.compile(r"(trainer|env)\.\w+=[\w.]+")  # keys that nothing refers to: they may be set after composing
+
 
 @cache
 def _composed(overrides: tuple[str, ...]) -> dict[str, Any]:
-    return job.checked(registry.compose(["tracking=none", *overrides]))
+    """Checked anew for every words, and composed once for all that differ in a few numbers: that takes the time."""
+    later = [text for text in overrides if LATER.fullmatch(text)]
+    config = deepcopy(_chosen(tuple(text for text in overrides if text not in later)))
+    for text in later:
+        path, _, value = text.partition("=")
+        node, key = path.split(".")
+        assert key in config[node], f"{node} has no {key}"
+        config[node][key] = yaml.safe_load(value)
+    return job.checked(config)
+
+
+@cache
+def _chosen(overrides: tuple[str, ...]) -> dict[str, Any]:
+    return registry.compose(["tracking=none", *overrides])
 
 
 @pytest.fixture(scope="session")
@@ -68,23 +104,23 @@ def make_problem() -> Callable[..., Problem]:
     """A problem of the advertiser's size, or another."""
 
     def make(seeds: Sequence[int] = (0,), states: int = 10, actions: int = 3, window: int = 7) -> Problem:
-        return Problem(states, actions, window, tuple(seeds), torch.device("cpu"))
+        return Problem.finite(states, actions, window, tuple(seeds))
 
     return make
 
 
 @pytest.fixture(scope="session")
-def make_continuous() -> Callable[..., ContinuousProblem]:
+def make_continuous() -> Callable[..., Problem]:
     """A problem with four numbers in a state and two in an action."""
 
-    def make(seeds: Sequence[int] = (0,), window: int = 9) -> ContinuousProblem:
-        return ContinuousProblem(4, 2, window, tuple(seeds), torch.device("cpu"))
+    def make(seeds: Sequence[int] = (0,), window: int = 9) -> Problem:
+        return Problem.vectors(4, 2, window, tuple(seeds))
 
     return make
 
 
 @pytest.fixture(scope="session")
-def make_trajectories() -> Callable[..., Trajectories]:
+def make_trajectories() -> Callable[..., Windows]:
     """`make_trajectories([[3, 1], [2, 4]], [[1, 0], [0, 1]])`: random steps of K trajectories of each replica.
 
     A trajectory with a positive label is terminated. What a replica's trajectory holds depends on `seeds[replica]` (or
@@ -93,27 +129,15 @@ def make_trajectories() -> Callable[..., Trajectories]:
 
     def make(
         lengths: Sequence[Sequence[int]], labels: Sequence[Sequence[float]], seeds: Sequence[int] = (), first: int = 0
-    ) -> Trajectories:
-        parts: dict[str, list[torch.Tensor]] = {}
-        for r, counts in enumerate(lengths):
-            for k, steps in enumerate(counts):
-                name = 1000 * (seeds[r] if seeds else r) + first + k
-                path = torch.randn(steps + 1, 4, generator=torch.Generator().manual_seed(name))
-                force = torch.rand(steps, 2, generator=torch.Generator().manual_seed(name)) * 2 - 1
-                last = torch.arange(steps) == steps - 1
-                columns = {
-                    "states": path[:-1],
-                    "actions": force,
-                    "next_states": path[1:],
-                    "replica": torch.full((steps,), r),
-                    "number": torch.full((steps,), k),
-                    "final": last,
-                    "terminated": last & (labels[r][k] > 0),
-                }
-                for column, values in columns.items():
-                    parts.setdefault(column, []).append(values)
-        rows = {column: torch.cat(values) for column, values in parts.items()}
-        return Trajectories(**rows, labels=torch.tensor(labels, dtype=torch.float64))
+    ) -> Windows:
+        def episode(r: int, k: int, steps: int) -> Episode:
+            name = 1000 * (seeds[r] if seeds else r) + first + k
+            path = torch.randn(steps + 1, 4, generator=torch.Generator().manual_seed(name))
+            force = torch.rand(steps, 2, generator=torch.Generator().manual_seed(name)) * 2 - 1
+            return Episode(path[:-1], force, path[1:], labels[r][k] > 0)
+
+        episodes = [[episode(r, k, steps) for k, steps in enumerate(own)] for r, own in enumerate(lengths)]
+        return Windows.of_episodes(episodes, torch.tensor(labels, dtype=torch.float64))
 
     return make
 
@@ -131,43 +155,35 @@ def make_windows() -> Callable[..., Windows]:
         phi = (0.0, *(0.02 + 0.03 * a for a in range(problem.actions - 1)))
         reward = Advertiser(states=problem.states, interaction=phi).mdp.reward
         noise = torch.randn(shape[:2], generator=generator, dtype=torch.float64)
-        return Windows(states, actions, arrivals, reward[states, actions].sum(-1) + 0.2 * noise)
+        return Windows.of_grid(states, actions, arrivals, reward[states, actions].sum(-1) + 0.2 * noise)
 
     return make
 
 
 @pytest.fixture(scope="session")
-def make_walks() -> Callable[..., tuple[ContinuousProblem, Trajectories]]:
+def make_walks() -> Callable[..., tuple[Problem, Windows]]:
     """`make_walks(seeds, count, kind)`: random walks in x ≤ .3 of the square, labelled by the sum of `worth(states)`.
 
-    A seed's walks depend on the seed alone; rows of replicas take turns. `kind="success"` labels with 1 what is above
-    the median.
+    A seed's walks depend on the seed alone. `kind="success"` labels with 1 what is above the median.
     """
 
     def make(
         seeds: Sequence[int] = (0,), count: int = 40, kind: str = "sum", window: int = 40
-    ) -> tuple[ContinuousProblem, Trajectories]:
-        parts: list[tuple[Tensor, int, int]] = []
-        for number in range(count):
-            for replica, seed in enumerate(seeds):
-                generator = np.random.default_rng([seed, number])
-                path = generator.uniform(-1, 1, 2) + generator.normal(0, 0.15, (window, 2)).cumsum(0)
-                path[:, 0] = 0.3 - abs(path[:, 0].clip(-1, 1) - 0.3)
-                states = torch.from_numpy(path.clip(-1, 1)[: generator.integers(window // 2, window + 1)]).float()
-                parts.append((states, replica, number))
-        lengths = torch.tensor([len(states) for states, *_ in parts])
-        states = torch.cat([states for states, *_ in parts])
-        final = torch.zeros(len(states), dtype=torch.bool)
-        final[lengths.cumsum(0) - 1] = True
-        labels = torch.tensor([worth(states).sum().item() for states, *_ in parts], dtype=torch.float64)
-        labels = labels.view(count, len(seeds)).T.contiguous()
+    ) -> tuple[Problem, Windows]:
+        def episode(seed: int, number: int) -> Episode:
+            generator = np.random.default_rng([seed, number])
+            path = generator.uniform(-1, 1, 2) + generator.normal(0, 0.15, (window, 2)).cumsum(0)
+            path[:, 0] = 0.3 - abs(path[:, 0].clip(-1, 1) - 0.3)
+            states = torch.from_numpy(path.clip(-1, 1)[: generator.integers(window // 2, window + 1)]).float()
+            return Episode(states, torch.zeros(len(states), 1), states)
+
+        episodes = [[episode(seed, number) for number in range(count)] for seed in seeds]
+        labels = torch.tensor(
+            [[worth(one.states).sum().item() for one in own] for own in episodes], dtype=torch.float64
+        )
         if kind == "success":
             labels = (labels > labels.median(1, keepdim=True).values).double()
-        problem = ContinuousProblem(2, 1, window, tuple(seeds), torch.device("cpu"))
-        replica, number = (torch.tensor([part[i] for part in parts]).repeat_interleave(lengths) for i in (1, 2))
-        actions = torch.zeros(len(states), 1)
-        rows = (states, actions, states, replica, number, final, torch.zeros_like(final))
-        return problem, Trajectories(*rows, labels=labels)
+        return Problem.vectors(2, 1, window, tuple(seeds)), Windows.of_episodes(episodes, labels)
 
     return make
 
@@ -178,8 +194,7 @@ def worth(states: Tensor) -> Tensor:
 
 
 @pytest.fixture(scope="session")
-def square() -> tuple[Moves, Tensor]:
-    """Places all over the square [N, 2] as moves of replica 0, and what each is worth."""
+def square() -> tuple[Steps, Tensor]:
+    """Places all over the square [N, 2] as steps, and what each is worth."""
     states = torch.rand(2000, 2, generator=torch.Generator().manual_seed(0)) * 2 - 1
-    moves = Moves(states, torch.zeros(2000, 1), states, torch.zeros(2000, dtype=torch.int64))
-    return moves, worth(states)
+    return Steps(states, torch.zeros(2000, 1), states), worth(states)

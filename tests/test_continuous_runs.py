@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,15 +14,18 @@ from torch import Tensor
 import credit
 from credit.agents.random import Random
 from credit.agents.sac.optimizer import SAC
-from credit.core.continuous import StepModel
+from credit.core.belief import Estimate
 from credit.core.errors import RunError, UserError
-from credit.core.interfaces import CreditAssigner, FeatureMap, Optimizer
-from credit.core.trajectories import ContinuousProblem, Moves, Trajectories
+from credit.core.problem import Problem
+from credit.core.seams import Agent, CreditAssigner, Places, RewardModel
+from credit.core.steps import Steps
+from credit.core.store import Store
 from credit.envs.feedback import Success
 from credit.envs.pointmaze.environment import PointMaze
 from credit.recovery.bonuses import Disagreement
 from credit.recovery.mixers import RelativeMSE
-from credit.recovery.step_recovery import StepRecovery
+from credit.recovery.models.primitive import PrimitiveReward
+from credit.recovery.recovery import Recovery
 from credit.rivals.rules import Delayed
 from credit.runs.artifacts import Recorder
 from credit.trainer import Trainer
@@ -45,7 +48,7 @@ def tiny() -> SAC:
 def trainer_of(
     seeds: tuple[int, ...] = (0,),
     assigner: CreditAssigner | None = None,
-    optimizer: Optimizer | None = None,
+    optimizer: Agent | None = None,
     env: PointMaze | None = None,
     **keys: Any,
 ) -> Trainer:
@@ -66,44 +69,28 @@ def same(mine: dict[str, Tensor], theirs: dict[str, Tensor]) -> None:
     torch.testing.assert_close(mine, theirs, rtol=0, atol=0, equal_nan=True)
 
 
-class Place(FeatureMap):
-    """The state."""
-
-    def start(self, problem: ContinuousProblem) -> None: ...
-
-    def __call__(self, steps: Moves) -> Tensor:  # type: ignore[override]
-        return steps.states
-
-
-class Line(StepModel):
+class Line(RewardModel):
     """slope·x, with variance 1."""
 
     def __init__(self, name: str, slope: float) -> None:
-        self.name, self.features, self._slope = name, Place(), slope
+        self.name, self._slope = name, slope
 
-    def start(self, problem: ContinuousProblem) -> None: ...
+    def start(self, problem: Problem, places: Places) -> None:
+        self._look = places.look(lambda steps: steps.states)
 
-    def fit(self, inputs: Tensor, trajectories: Trajectories) -> None: ...
+    def observe(self, store: Store) -> None: ...
 
-    def predict(self, inputs: Tensor, moves: Moves) -> tuple[Tensor, Tensor]:
-        return self._slope * inputs[:, 0], torch.ones_like(inputs[:, 0])
+    def estimate(self, at: Tensor | None = None) -> Estimate:
+        mean = self._slope * self._look.places(at)[..., 0]
+        return Estimate(mean, torch.ones_like(mean))
 
-
-class Shown(Line):
-    """Says the primitive rewards that it is shown."""
-
-    sees_primitive: ClassVar = True
-
-    def predict(self, inputs: Tensor, moves: Moves) -> tuple[Tensor, Tensor]:
-        mean = super().predict(inputs, moves)[0]
-        shown = moves.primitive if isinstance(moves, Trajectories) else None
-        return mean if shown is None else shown.float(), torch.ones_like(mean)
+    def believe(self, steps: Steps) -> Estimate:
+        mean = (self._slope * steps.states[:, 0]).expand(2, -1)
+        return Estimate(mean, torch.ones_like(mean))
 
 
-def lines() -> StepRecovery:
-    return StepRecovery(
-        Line("steep", 2.0), {"flat": Line("flat", 0.5)}, RelativeMSE(), {"gap": Disagreement(1.0, None)}
-    )
+def lines() -> Recovery:
+    return Recovery(Line("steep", 2.0), {"flat": Line("flat", 0.5)}, RelativeMSE(), {"gap": Disagreement(1.0, None)})
 
 
 class Watched(Random):
@@ -112,13 +99,13 @@ class Watched(Random):
     def __init__(self) -> None:
         self.did: list[str] = []
 
-    def act(self, states: Tensor, step: int) -> Tensor:
-        if step == 0:
+    def act(self, states: Tensor, step: Tensor) -> Tensor:
+        if not step.any():
             self.did.append("collect")
         return super().act(states, step)
 
-    def improve(self, dataset: Any, assigner: CreditAssigner) -> None:
-        self.did.append(f"learn from {dataset.new.labels.shape[1]} new of {len(dataset)}")
+    def improve(self, store: Store, assigner: CreditAssigner) -> None:
+        self.did.append(f"learn from {store.new.labels.shape[1]} new of {len(store)}")
 
 
 def test_demonstrations_are_learned_from_before_the_first_round() -> None:
@@ -135,13 +122,13 @@ def test_demonstrations_are_learned_from_before_the_first_round() -> None:
     ]
     assert [step for step, _ in journal] == [0, 2 * H, 4 * H]
     assert told == [2 * H, 4 * H, 4 * H]
-    assert (trainer.collected, len(trainer.dataset)) == (4, 7)
+    assert (trainer.collected, len(trainer.store)) == (4, 7)
     start = {name: value.tolist() for name, value in journal[0][1].items() if value.isfinite().all()}
     assert start["collect/steps"] == [0, 0]
     assert "eval/success" in start
     assert "eval/auc" not in start  # not a round
     assert "return/label" not in start
-    labels = trainer.dataset.windows.labels
+    labels = trainer.store.windows.labels
     assert labels[:, :3].tolist() == [[1, 1, 0]] * 2
     assert torch.equal(journal[1][1]["return/label"], labels[:, 3:5].mean(1))  # demonstrations do not count
     assert torch.equal(journal[2][1]["return/label"], labels[:, 5:].mean(1))
@@ -170,45 +157,38 @@ def test_what_cannot_be_run_is_refused_before_it_starts(keys: dict[str, Any], me
 
 
 @pytest.mark.parametrize("make", [Delayed, lines], ids=["delayed", "recovery"])
-def test_a_run_is_the_same_again_and_a_replica_is_the_same_alone(make: Callable[[], CreditAssigner]) -> None:
+def test_a_run_is_the_same_again_and_a_replica_goes_alone_as_in_a_batch(make: Callable[[], CreditAssigner]) -> None:
     seeds = (5, 6)
     batch, again = (trainer_of(seeds, make()) for _ in range(2))
     journal = run(batch)
-    whole = batch.dataset.windows
+    whole = batch.store.windows
     for (_, mine), (_, theirs) in zip(journal, run(again), strict=True):
         same(mine, theirs)
     for r, seed in enumerate(seeds):
-        alone, rows = trainer_of((seed,), make()), whole.replica == r
+        alone = trainer_of((seed,), make())
         for (_, single), (_, together) in zip(run(alone), journal, strict=True):
             for name in single:
-                torch.testing.assert_close(single[name][0], together[name][r], rtol=1e-6, atol=1e-9, equal_nan=True)
-        for name in ("states", "actions", "next_states", "number"):
-            assert torch.equal(getattr(alone.dataset.windows, name), getattr(whole, name)[rows]), name
-        assert torch.equal(alone.dataset.windows.labels[0], whole.labels[r])
-    assert not torch.equal(*(whole.states[(whole.replica == r) & (whole.number == 3)][:9] for r in range(2)))
+                torch.testing.assert_close(single[name][0], together[name][r], rtol=1e-4, atol=1e-6, equal_nan=True)
+        mine = alone.store.windows
+        for name in ("states", "actions", "next_states"):
+            count = len(mine)
+            torch.testing.assert_close(getattr(mine, name)[0], getattr(whole, name)[r, :count], rtol=1e-4, atol=1e-5)
+        assert torch.equal(mine.labels[0], whole.labels[r])
+        assert torch.equal(mine.ends[0], whole.ends[r])
+    assert not torch.equal(*(whole.states[r, whole.ends[r, 2] + 1 :][:9] for r in range(2)))
 
 
 def test_only_who_declares_it_is_shown_primitive_rewards() -> None:
-    trainer = trainer_of((0, 1), StepRecovery(Shown("oracle", 1.0), {}, RelativeMSE(), {}))
+    trainer = trainer_of((0, 1), Recovery(PrimitiveReward("oracle"), {}, RelativeMSE(), {}))
     run(trainer)
-    windows = trainer.dataset.windows
+    windows = trainer.store.windows
     assert windows.primitive is not None
     assert torch.equal(windows.sums(windows.primitive), windows.labels)  # demonstrations and all
     assert torch.equal(trainer.assigner.rewards(windows), windows.primitive.float())
     for assigner in (Delayed(), lines()):
         trainer = trainer_of((0, 1), assigner)
         run(trainer)
-        assert trainer.dataset.windows.primitive is None
-
-
-def test_a_poisoned_primitive_reward_changes_nothing_but_for_the_oracle() -> None:
-    plain, poisoned = (trainer_of((0, 1), lines(), env=maze(poison=poison)) for poison in (False, True))
-    for (_, values), (_, hidden) in zip(run(plain), run(poisoned), strict=True):
-        same(values, hidden)
-    assert torch.equal(plain.dataset.windows.states, poisoned.dataset.windows.states)
-    oracle = StepRecovery(Shown("oracle", 1.0), {}, RelativeMSE(), {})
-    with pytest.raises(RunError, match="are the rewards finite"):
-        run(trainer_of((0, 1), oracle, env=maze(poison=True)))
+        assert trainer.store.windows.primitive is None
 
 
 def test_a_network_that_is_no_number_stops_the_run_and_says_when() -> None:
@@ -218,8 +198,8 @@ def test_a_network_that_is_no_number_stops_the_run_and_says_when() -> None:
         if step == 2 * H:
             trainer.optimizer.actor.blocks[0][1].fill_(torch.nan)  # type: ignore[attr-defined]
 
-    trainer.optimizer.act = lambda states, step: torch.zeros(len(states), 2)  # type: ignore[method-assign]
-    trainer.oracle.metrics = lambda policies, recovery: {}  # type: ignore[method-assign]
+    trainer.optimizer.act = lambda states, step: torch.zeros(*states.shape[:2], 2)  # type: ignore[method-assign]
+    trainer.judge.measure = lambda policies, belief: {}  # type: ignore[method-assign]
     with pytest.raises(RunError, match="round 2: SAC: a weight of the actor of seed 8 is not finite"):
         trainer.run(spoil)
 
@@ -230,14 +210,14 @@ def test_random_windows_come_first() -> None:
     assert watched.did.count("collect") == 1  # the other round was another's
 
 
-def test_random_actions_are_uniform_and_of_each_replica(make_continuous: Callable[..., ContinuousProblem]) -> None:
+def test_random_actions_are_uniform_and_of_each_replica(make_continuous: Callable[..., Problem]) -> None:
     def actions(seeds: tuple[int, ...], copies: int, rounds: int = 3, which: str = "act") -> Tensor:
         random = Random()
         random.start(make_continuous(seeds, 100))
-        act = random.act if which == "act" else random.policies()["behaviour"]
-        states = torch.zeros(len(seeds) * copies, 4)
-        found = [torch.stack([act(states, step) for step in range(100)]) for _ in range(rounds)]
-        return torch.stack(found).unflatten(2, (len(seeds), copies))  # [rounds, steps, R, copies, A]
+        one = random if which == "act" else random.policies()["behaviour"]
+        states, ticks = torch.zeros(len(seeds), copies, 4), torch.ones(len(seeds), copies, dtype=torch.int64)
+        found = [torch.stack([one.act(states, step * ticks) for step in range(100)]) for _ in range(rounds)]
+        return torch.stack(found)  # [rounds, steps, R, copies, A]
 
     batch = actions((4, 5, 6), 8)
     assert batch.shape == (3, 100, 3, 8, 2)
@@ -253,14 +233,15 @@ def test_random_actions_are_uniform_and_of_each_replica(make_continuous: Callabl
 
 
 def test_random_actions_of_a_round_do_not_depend_on_how_long_the_last_one_took(
-    make_continuous: Callable[..., ContinuousProblem],
+    make_continuous: Callable[..., Problem],
 ) -> None:
     def second(steps: int) -> Tensor:
         random = Random()
         random.start(make_continuous((4, 5)))
+        states, ticks = torch.zeros(2, 2, 4), torch.ones(2, 2, dtype=torch.int64)
         for step in range(steps):
-            random.act(torch.zeros(4, 4), step)
-        return random.act(torch.zeros(4, 4), 0)
+            random.act(states, step * ticks)
+        return random.act(states, 0 * ticks)
 
     assert torch.equal(second(1), second(9))
 
@@ -269,14 +250,14 @@ def test_evaluating_random_actions_does_not_change_what_is_collected() -> None:
     often, seldom = (trainer_of((3,), optimizer=Random(), log_every=every) for every in (2, 4))
     run(often)
     run(seldom)
-    assert torch.equal(often.dataset.windows.states, seldom.dataset.windows.states)
+    assert torch.equal(often.store.windows.states, seldom.store.windows.states)
 
 
 def test_arrays_of_a_run() -> None:
     trainer = trainer_of((0, 1), lines())
     recorder = Recorder(trainer)
     trainer.run(lambda step, values: recorder.note(step))
-    windows, grid = trainer.dataset.windows, trainer.env.grid()
+    windows, grid = trainer.store.windows, trainer.env.grid()
     for replica in range(2):
         files = recorder.files(replica)
         assert files.keys() == {"recovery.npz", "trajectories.npz"}
@@ -301,8 +282,8 @@ def test_arrays_of_a_run() -> None:
         where = files["trajectories.npz"]
         assert where["online/labels"].tolist() == windows.labels[replica, 3:].tolist()
         assert where["online/lengths"].tolist() == windows.lengths[replica, 3:].tolist()
-        mine = (windows.replica == replica) & (windows.number >= 3)
-        assert np.array_equal(where["online/states"], windows.states[mine].numpy())
+        mine = slice(int(windows.ends[replica, 2]) + 1, int(windows.ends[replica, -1]) + 1)
+        assert np.array_equal(where["online/states"], windows.states[replica, mine].numpy())
         assert {"maze/walls", "demonstrations/states", "evaluation/states"} <= where.keys()
 
 

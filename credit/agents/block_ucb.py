@@ -9,22 +9,26 @@ import torch
 from annotated_types import Interval
 from torch import Tensor
 
-from credit.core.dataset import Dataset
 from credit.core.errors import UserError
-from credit.core.interfaces import CreditAssigner, Optimizer
+from credit.core.policy import Policy, TablePolicy
+from credit.core.problem import Problem
+from credit.core.ranges import NonNegative, Positive, PositiveInt
+from credit.core.seams import Agent, CreditAssigner
+from credit.core.store import Store
 from credit.core.streams import generators
 from credit.core.tensors import grown, matvec
-from credit.core.types import NonNegative, Positive, PositiveInt, Problem
 
 SLOTS = 256  # room at first
 LARGEST = 100_000  # macro-actions A^T: beyond it the orders in which they are tried would fill the memory
 
 
-class BlockUCB(Optimizer):
+class BlockUCB(Agent):
     """UCB on the block MDP: macro-actions u ∈ A^T, block reward R̂(s, u) and transition P̂(s'|s, u) from blocks (A.1).
 
     V(s) = max_u [R̂(s, u) + c/√(λ + N(s, u)) + γ Σ P̂(s'|s, u) V(s')]; an untried u is worth c/√λ + γ V(s). Only what was
     tried is stored, so a block costs O(blocks so far). All untried macro-actions of a state are tied.
+
+    States and actions are numbers, and windows have one length.
 
     Args:
         scale: c, in units of block reward.
@@ -35,7 +39,8 @@ class BlockUCB(Optimizer):
             reproduced by the latter and owes 700 of its 2354 to it.
     """
 
-    domain: ClassVar = "tabular"
+    observations: ClassVar = "finite"
+    actions: ClassVar = "finite"
     setting: ClassVar = "continuing"
     keeps: ClassVar = ("_value", "_tried", "_used", "_key", "_state", "_sums", "_macro")
 
@@ -74,29 +79,30 @@ class BlockUCB(Optimizer):
         self._sums = problem.zeros(SLOTS, 2 + problem.states)
         self._macro = torch.zeros_like(self._rows)
 
-    def act(self, states: Tensor, step: int) -> Tensor:
+    def act(self, states: Tensor, step: Tensor) -> Tensor:
         """Choose a macro-action at the first step of a window, then play its digits."""
-        if step == 0:
-            self._macro = self._choose(states)
+        if not step[0, 0]:  # all replicas are at the same step
+            self._macro = self._choose(states[:, 0])
         place = self._problem.actions ** (self._problem.window - 1 - step)
-        return (self._macro // place) % self._problem.actions
+        return (self._macro.unsqueeze(1) // place) % self._problem.actions
 
-    def improve(self, dataset: Dataset, assigner: CreditAssigner) -> None:
+    def improve(self, store: Store, assigner: CreditAssigner) -> None:
         """Count the newest blocks and back up the values."""
-        windows = dataset.new
-        rewards = assigner.rewards(windows).sum(-1)
+        windows = store.new
+        rewards = windows.sums(assigner.rewards(windows))
+        states, actions, arrivals = (windows.grid(x) for x in (windows.states, windows.actions, windows.next_states))
         for k in range(rewards.shape[1]):
-            self._count(windows.states[:, k, 0], windows.actions[:, k], windows.next_states[:, k, -1], rewards[:, k])
+            self._count(states[:, k, 0], actions[:, k], arrivals[:, k, -1], rewards[:, k])
         for _ in range(self.backups):
             values = self._values()
             untried = torch.where(self._tried < self._macros, self._untried + self.discount * self._value, -torch.inf)
             self._value = untried.scatter_reduce(1, self._state[:, : values.shape[1]], values, "amax")
 
-    def policies(self) -> dict[str, Tensor]:
+    def policies(self) -> dict[str, Policy]:
         """The first action of the macro-action chosen in each state."""
         first = self._problem.actions ** (self._problem.window - 1)
         columns = [self._choose(torch.full_like(self._rows, s)) // first for s in range(self._problem.states)]
-        return {"behaviour": torch.stack(columns, dim=1)}
+        return {"behaviour": TablePolicy(torch.stack(columns, dim=1), self._problem.actions)}
 
     def _orders(self, problem: Problem) -> Tensor:
         shape = (problem.replicas, problem.states, self._macros)

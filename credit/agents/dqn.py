@@ -2,34 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import torch
 from torch import Tensor
 from torch.nn.functional import mse_loss, smooth_l1_loss
 
-from credit.core.dataset import Dataset
+from credit.agents.exploring import EpsilonGreedy
+from credit.agents.moments import Moments, Vectors
 from credit.core.errors import UserError
-from credit.core.interfaces import CreditAssigner, FeatureMap, Optimizer
+from credit.core.policy import Policy
+from credit.core.problem import FLOAT, Problem
+from credit.core.ranges import Positive, PositiveInt, Probability
+from credit.core.seams import Agent, CreditAssigner, FeatureMap
+from credit.core.store import Store
 from credit.core.streams import Stream
-from credit.core.tables import RewardFunction
-from credit.core.types import FLOAT, Positive, PositiveInt, Probability, Problem, Steps
-from credit.data.replay import Replay
+from credit.data.replay import Batch, Replay
 from credit.networks.perceptron import PRECISION, ReplicaMLP
 
 LOSSES = {"l2": mse_loss, "smooth_l1": smooth_l1_loss}
 
 
-class DQN(Optimizer):
+class DQN(Agent):
     """Deep Q-learning with replay and a target network, ε-greedy, one network a replica (A.2).
 
-    Q(s, t, ·) is a network on φ(s) and the one-hot step t, fitted to targets (1−m)·(r + γ Q⁻(s', t+1, a*)) + m·G with
-    G the return to the end of the window, by Adam. Nothing lies beyond a window's last step: there, the target is r.
+    Q(s, t, ·) is a network on φ(s) and the step t (one-hot where states are numbers, t/T where they are vectors),
+    fitted by Adam to targets (1−m)·(r + γ Q⁻(s', t+1, a*)) + m·G with G the return to the end of the episode. Where
+    nothing lies behind a step, the target is r. Actions are numbers, states numbers or vectors.
 
     Args:
-        features: φ, what the network sees of a state.
+        features: φ, what the network sees of a state; None for all of it: one-hot, or the vector as it is.
         learning_rate: Adam's.
         discount: γ.
         hidden: widths of the layers between input and action values.
@@ -48,13 +52,13 @@ class DQN(Optimizer):
         UserError: ε would rise.
     """
 
-    domain: ClassVar = "tabular"
+    actions: ClassVar = "finite"
     setting: ClassVar = "episodic"
-    keeps: ClassVar = ("_online", "_target", "_adam", "_replay", "_stream", "_windows", "_updates", "_policy")
+    keeps: ClassVar = ("_online", "_target", "_adam", "_replay", "_stream", "_windows", "_updates")
 
     def __init__(
         self,
-        features: FeatureMap,
+        features: FeatureMap | None = None,
         learning_rate: Positive = 0.001,
         discount: Probability = 1.0,
         hidden: Sequence[PositiveInt] = (64, 64),
@@ -92,75 +96,57 @@ class DQN(Optimizer):
     def start(self, problem: Problem) -> None:
         """Random networks, nothing to replay."""
         self._problem = problem
-        self._inputs = self._encoded(problem)
-        self._online = ReplicaMLP(problem, self._inputs.shape[1], problem.actions, self.hidden, "action values")
+        if self.features is not None:
+            self.features.start(problem)
+        kind = Moments if problem.finite_states else Vectors
+        self._view: Moments | Vectors = kind(problem, self.features)
+        self._online = ReplicaMLP(problem, self._view.size, problem.actions, self.hidden, "action values")
         self._target = deepcopy(self._online)
-        # fused Adam treats the end of a tensor differently: a replica would depend on its place in the batch
-        self._adam = torch.optim.Adam(self._online.parameters(), lr=self.learning_rate, fused=False)
-        self._replay = Replay(problem, self.capacity, self.batch, self.discount)
+        self._adam = torch.optim.Adam(self._online.parameters(), lr=self.learning_rate)
+        self._replay = Replay(
+            problem, 1, self.discount, capacity=self.capacity, outcome=self.monte_carlo > 0, kind=FLOAT
+        )
         self._stream = Stream(problem, "epsilon-greedy", "uniform", 2)
         self._windows, self._updates = 0, 0
-        self._policy = self._greedy()
+        self._policy = self._view.greedy(self._online)
 
-    def act(self, states: Tensor, step: int) -> Tensor:
+    def act(self, states: Tensor, step: Tensor) -> Tensor:
         """A uniform action with probability ε, else the best."""
-        uniform = self._stream.next()
-        explore = uniform[:, 0] < self._exploration()
-        best = self._policy[:, step].gather(1, states.unsqueeze(1)).squeeze(1)
-        return torch.where(explore, (uniform[:, 1] * self._problem.actions).to(torch.int64), best)
+        return self.executed().act(states, step)
 
-    def improve(self, dataset: Dataset, assigner: CreditAssigner) -> None:
-        """Remember the newest windows, see all that is remembered with new rewards if they changed, and fit."""
-        windows, states = dataset.new, self._problem.states
-        step = torch.arange(self._problem.window, device=windows.states.device)
-        self._replay.extend(
-            assigner.rewards(windows),
-            moment=step * states + windows.states,
-            action=windows.actions,
-            # after the last step there is no moment; what stands in for it is not looked at
-            arrival=(step + 1) % self._problem.window * states + windows.next_states,
-        )
-        if isinstance(assigner, RewardFunction):
-            self._replay.relabel(assigner.rewards(dataset.windows))
-        for batch in self._replay.batches(self.updates * windows.labels.shape[1]):
-            self._fit(**batch)
-        self._windows += windows.labels.shape[1]
-        self._policy = self._greedy()
+    def improve(self, store: Store, assigner: CreditAssigner) -> None:
+        """See all that is remembered with the newest rewards, and fit."""
+        count = store.new.labels.shape[1]
+        self._replay.update(store, assigner)
+        for batch in self._replay.sample(self.batch, self.updates * count):
+            self._fit(batch)
+        self._windows += count
+        self._policy = self._view.greedy(self._online)
 
-    def policies(self) -> dict[str, Tensor]:
-        """Greedy by step [R, T, S]; exploration is not counted as an error of the policy."""
+    def policies(self) -> dict[str, Policy]:
+        """Greedy by step; exploration is not counted as an error of the policy."""
         return {"behaviour": self._policy, "greedy": self._policy}
 
-    def executed(self) -> Tensor:
-        """The ε-greedy probabilities [R, T, S, A]."""
-        epsilon = self._exploration()
-        shape = (*self._policy.shape, self._problem.actions)
-        table = torch.full(shape, epsilon / shape[-1], dtype=FLOAT, device=self._policy.device)
-        best = self._policy.unsqueeze(-1)
-        return table.scatter_add_(-1, best, torch.full_like(best, 1 - epsilon, dtype=FLOAT))
+    def executed(self) -> EpsilonGreedy:
+        """ε-greedy."""
+        return EpsilonGreedy(self._policy, self._exploration(), self._problem.actions, self._stream)
 
-    def _encoded(self, problem: Problem) -> Tensor:
-        """What the network sees of every moment t·S + s: φ(s) and the one-hot t [T·S, d+T]."""
-        self.features.start(problem)
-        states = torch.arange(problem.states, device=problem.device)
-        nothing = torch.zeros_like(states)
-        features = self.features(Steps(states, nothing, nothing)).to(PRECISION)
-        clock = torch.eye(problem.window, dtype=PRECISION, device=problem.device)
-        return torch.cat([features.repeat(problem.window, 1), clock.repeat_interleave(problem.states, dim=0)], dim=1)
-
-    def _greedy(self) -> Tensor:
-        return self._online.best(self._inputs).view(-1, self._problem.window, self._problem.states)
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state; what is greedy follows from the network."""
+        super().load_state_dict(state)
+        self._policy = self._view.greedy(self._online)
 
     def _exploration(self) -> float:
         done = min(self._windows / self.epsilon_windows, 1)
         return self.epsilon + (self.epsilon_floor - self.epsilon) * done
 
-    def _fit(self, moment: Tensor, action: Tensor, arrival: Tensor, reward: Tensor, outcome: Tensor) -> None:
-        """One gradient step on B steps of every replica, each argument [R, B]."""
-        last = moment >= (self._problem.window - 1) * self._problem.states
-        ahead = self._ahead(self._inputs[arrival]).masked_fill(last, 0)
-        goal = targets(reward, ahead, outcome, self.discount, self.monte_carlo).to(PRECISION)
-        values = self._online(self._inputs[moment]).gather(-1, action.unsqueeze(-1)).squeeze(-1)
+    def _fit(self, batch: Batch) -> None:
+        """One gradient step on B steps of every replica."""
+        assert batch.step is not None
+        ahead = self._ahead(self._view(batch.ahead, batch.step + 1)).masked_fill(batch.discount == 0, 0)
+        goal = targets(batch.returns, ahead, batch.outcome, self.discount, self.monte_carlo).to(PRECISION)
+        seen = self._view(batch.observation, batch.step)
+        values = self._online(seen).gather(-1, batch.action.unsqueeze(-1)).squeeze(-1)
         # the sum over replicas gives each the gradient that it would have alone
         error = LOSSES[self.loss](values, goal, reduction="none").mean(1).sum()
         self._adam.zero_grad()
@@ -178,6 +164,10 @@ class DQN(Optimizer):
         return values.gather(-1, choice).squeeze(-1)
 
 
-def targets(reward: Tensor, ahead: Tensor, outcome: Tensor, discount: float, monte_carlo: float) -> Tensor:
-    """(1−m)·(r + γ·ahead) + m·G of rewards r, next values (0 after a last step) and returns G, all of one shape."""
-    return torch.lerp(reward + discount * ahead, outcome, monte_carlo)
+def targets(reward: Tensor, ahead: Tensor, outcome: Tensor | None, discount: float, monte_carlo: float) -> Tensor:
+    """(1−m)·(r + γ·ahead) + m·G of rewards r, next values (0 after a last step) and returns G, all of one shape.
+
+    Without returns m is 0.
+    """
+    goal = reward + discount * ahead
+    return goal if outcome is None else torch.lerp(goal, outcome, monte_carlo)

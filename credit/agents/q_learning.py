@@ -8,17 +8,21 @@ import torch
 from annotated_types import Interval
 from torch import Tensor
 
-from credit.core.dataset import Dataset
-from credit.core.interfaces import CreditAssigner, Optimizer
+from credit.agents.exploring import EpsilonGreedy, explored
+from credit.core.policy import Policy, TablePolicy
+from credit.core.problem import Problem
+from credit.core.ranges import Probability
+from credit.core.seams import Agent, CreditAssigner
+from credit.core.store import Store
 from credit.core.streams import Stream
-from credit.core.types import Probability, Problem
 from credit.planning.solve import first_best
 
 
-class QLearning(Optimizer):
+class QLearning(Agent):
     """Q(s, a) += lr·(r + γ max Q(s', ·) − Q(s, a)), ε-greedy, updated step by step once the window's label is known.
 
-    There is no time index, and the last step of a window bootstraps into the next: the task is continuing.
+    States and actions are numbers. There is no time index, and the last step of a window bootstraps into the next: the
+    task is continuing.
 
     Args:
         learning_rate: lr.
@@ -28,7 +32,8 @@ class QLearning(Optimizer):
         epsilon_floor: least ε.
     """
 
-    domain: ClassVar = "tabular"
+    observations: ClassVar = "finite"
+    actions: ClassVar = "finite"
     setting: ClassVar = "continuing"
     keeps: ClassVar = ("_q", "_stream", "_windows")
 
@@ -54,19 +59,17 @@ class QLearning(Optimizer):
         self._stream = Stream(problem, "epsilon-greedy", "uniform", 2)
         self._windows = 0
 
-    def act(self, states: Tensor, step: int) -> Tensor:
+    def act(self, states: Tensor, step: Tensor) -> Tensor:
         """A uniform action with probability ε, else the first best."""
-        uniform = self._stream.next()
-        values = self._q.gather(1, states.view(-1, 1, 1).expand(-1, 1, self._problem.actions)).squeeze(1)
-        explore = uniform[:, 0] < self._exploration()
-        return torch.where(explore, (uniform[:, 1] * self._problem.actions).to(torch.int64), first_best(values))
+        values = self._q.gather(1, states.unsqueeze(-1).expand(-1, -1, self._problem.actions))
+        return explored(first_best(values), self._exploration(), self._problem.actions, self._stream)
 
-    def improve(self, dataset: Dataset, assigner: CreditAssigner) -> None:
+    def improve(self, store: Store, assigner: CreditAssigner) -> None:
         """One sweep over the newest windows, in the order in which they happened."""
-        windows = dataset.new
-        rewards = assigner.rewards(windows).flatten(1)
-        pairs = windows.pairs(self._problem.actions).flatten(1)
-        arrivals = windows.next_states.flatten(1).unsqueeze(-1).expand(-1, -1, self._problem.actions)
+        windows = store.new
+        rewards = assigner.rewards(windows)
+        pairs = windows.pairs(self._problem.actions)
+        arrivals = windows.next_states.unsqueeze(-1).expand(-1, -1, self._problem.actions)
         for t in range(pairs.shape[1]):
             pair = pairs[:, t : t + 1]
             ahead = self._q.gather(1, arrivals[:, t : t + 1]).amax(-1)
@@ -75,10 +78,17 @@ class QLearning(Optimizer):
             self._flat.scatter_(1, pair, torch.lerp(now, target, self.learning_rate))
         self._windows += windows.labels.shape[1]
 
-    def policies(self) -> dict[str, Tensor]:
+    def policies(self) -> dict[str, Policy]:
         """Greedy in Q; exploration is not counted as an error of the policy."""
-        policy = first_best(self._q)
+        policy = self._greedy()
         return {"behaviour": policy, "greedy": policy}
+
+    def executed(self) -> Policy:
+        """ε-greedy."""
+        return EpsilonGreedy(self._greedy(), self._exploration(), self._problem.actions, self._stream)
+
+    def _greedy(self) -> Policy:
+        return TablePolicy(first_best(self._q), self._problem.actions)
 
     def _exploration(self) -> float:
         return max(self.epsilon * self.epsilon_decay**self._windows, self.epsilon_floor)

@@ -2,61 +2,79 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import torch
 from torch import Tensor
 
-from credit.core.interfaces import CreditAssigner, Optimizer, SomeDataset, SomeProblem
+from credit.core.policy import Policy
+from credit.core.problem import FLOAT, Problem
+from credit.core.seams import Agent, CreditAssigner
 from credit.core.state import Stateful
+from credit.core.store import Store
 from credit.core.streams import Stream, generators
-from credit.core.trajectories import ContinuousProblem
-from credit.core.types import FLOAT, Problem
 
 
-class Random(Optimizer):
-    """Every action with the same probability, always."""
+class Random(Agent):
+    """Every action with the same probability, always: numbers, or vectors in [−1, 1]; states are not looked at."""
 
-    def start(self, problem: SomeProblem) -> None:
-        """Make the action stream."""
-        self._problem = problem
-        if isinstance(problem, Problem):
-            self._stream = Stream(problem, "random policy", "uniform", 1)
-        else:
-            self._forces = {name: _Forces(problem, f"random policy, {name}") for name in ("act", "evaluation")}
+    def start(self, problem: Problem) -> None:
+        """Make the action streams."""
+        finite = problem.finite_actions
+        self._acting = Numbers(problem, "random policy") if finite else Forces(problem, "random policy, act")
+        self._judged = Numbers(problem, None) if finite else Forces(problem, "random policy, evaluation")
 
-    def act(self, states: Tensor, step: int) -> Tensor:
-        """A uniform action; where actions are real numbers, from [−1, 1]."""
-        if not isinstance(self._problem, Problem):
-            return self._forces["act"](states, step)
-        return (self._stream.next()[:, 0] * self._problem.actions).to(torch.int64)
+    def act(self, states: Tensor, step: Tensor) -> Tensor:
+        """A uniform action."""
+        return self._acting.act(states, step)
 
-    def improve(self, dataset: SomeDataset, assigner: CreditAssigner) -> None:
+    def improve(self, store: Store, assigner: CreditAssigner) -> None:
         """Nothing is learned."""
 
-    def policies(self) -> dict[str, Any]:
-        """There is no deterministic policy to speak of; where policies are run to be evaluated, this one is."""
-        return {} if isinstance(self._problem, Problem) else {"behaviour": self._forces["evaluation"]}
-
-    def executed(self) -> Tensor:
-        """1/A for every action, [R, T, S, A] without memory of its own."""
-        problem = self._problem
-        shape = (problem.replicas, problem.window, problem.states, problem.actions)
-        return torch.full((1, 1, 1, 1), 1 / problem.actions, dtype=FLOAT, device=problem.device).expand(shape)
+    def policies(self) -> dict[str, Policy]:
+        """Uniform actions, with random numbers of their own."""
+        return {"behaviour": self._judged}
 
 
-class _Forces(Stateful):
-    """Uniform actions [n, A]; a round's are drawn at its start, so that no replica depends on how long others last."""
+class Numbers(Policy, Stateful):
+    """Uniform actions among A [R, K].
+
+    Args:
+        problem: A and the seeds. purpose: of the random numbers; None where nobody asks for actions.
+    """
+
+    keeps: ClassVar = ("_stream",)
+
+    def __init__(self, problem: Problem, purpose: str | None) -> None:
+        self._count, self._replicas = problem.actions, problem.replicas
+        self._stream = Stream(problem, purpose, "uniform", 1) if purpose else None
+
+    def act(self, states: Tensor, step: Tensor) -> Tensor:
+        """One draw for each copy."""
+        assert self._stream is not None
+        uniform = torch.cat([self._stream.next() for _ in range(states.shape[1])], dim=1)
+        return (uniform * self._count).to(torch.int64)
+
+    def probabilities(self, states: Tensor, step: int) -> Tensor:
+        """1/A for every action, without memory of its own."""
+        chance = torch.full((1, 1, 1), 1 / self._count, dtype=FLOAT, device=states.device)
+        return chance.expand(self._replicas, len(states), self._count)
+
+
+class Forces(Policy, Stateful):
+    """Uniform actions [R, K, A]; a round's are drawn at its start, so that none depends on how long others last."""
 
     keeps: ClassVar = ("_generators",)
 
-    def __init__(self, problem: ContinuousProblem, purpose: str) -> None:
+    def __init__(self, problem: Problem, purpose: str) -> None:
         self._generators = generators(problem.seeds, purpose)
         self._problem = problem
 
-    def __call__(self, states: Tensor, step: int) -> Tensor:
-        if step == 0:
-            shape = (self._problem.window, len(states) // self._problem.replicas, self._problem.actions)
+    def act(self, states: Tensor, step: Tensor) -> Tensor:
+        """The round's actions at its step."""
+        now = int(step.flatten()[0])
+        if now == 0:
+            shape = (self._problem.window, states.shape[1], self._problem.actions)
             drawn = [torch.from_numpy(g.uniform(-1, 1, shape)) for g in self._generators]
-            self._round = torch.stack(drawn, 1).flatten(1, 2).to(states)
-        return self._round[step]
+            self._round = torch.stack(drawn, 1).to(states)
+        return self._round[now]

@@ -22,9 +22,11 @@ from torchrl.data import Bounded, LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.objectives import SACLoss, SoftUpdate, ValueEstimators
 
 from credit.agents.sac.networks import CRITICS, actor_module, critic_module
+from credit.core.store import Windows
 from credit.networks.stack import Shape
 
-ROWS, BATCH, WIDTH, UPDATES = 10_000, 256, 256, 64
+ROWS, LENGTH, BATCH, WIDTH, UPDATES = 10_000, 100, 256, 256, 64
+KEYS = ("observation", "action", ("next", "observation"))
 ACTOR, CRITIC = Shape(4, 4, WIDTH, 2), Shape(6, 1, WIDTH, 2)
 RATE, TAU, GAMMA = 3e-4, 0.005, 0.99
 
@@ -40,6 +42,12 @@ def transitions() -> TensorDict:
     observation, action = torch.randn(ROWS, 4, generator=generator), torch.rand(ROWS, 2, generator=generator) * 2 - 1
     ids = {"traj_ids": torch.arange(ROWS) // 100}
     return TensorDict({"observation": observation, "action": action, "next": following, "collector": ids}, [ROWS])
+
+
+def windows(rows: TensorDict, replicas: int) -> Windows:
+    """Those rows as trajectories of `LENGTH` steps, the same for all replicas; only the last step is a success."""
+    states, actions, arrivals = (rows[key].expand(replicas, -1, -1).unflatten(1, (-1, LENGTH)) for key in KEYS)
+    return Windows.of_grid(states, actions, arrivals, torch.ones(replicas, ROWS // LENGTH))
 
 
 def repeated(update: Callable[[], None]) -> None:

@@ -9,13 +9,16 @@ import torch
 from torch import Tensor
 
 from credit.bench.measure import Row, taken_in_turns
-from credit.core.continuous import StepModel
-from credit.core.trajectories import ContinuousProblem, Trajectories
+from credit.core.problem import Problem
+from credit.core.seams import RewardModel
+from credit.core.store import Store, Windows
 from credit.envs.pointmaze.environment import PointMaze
 from credit.envs.pointmaze.features import MazeCells, MazeGeometry
 from credit.recovery.features.motion import Motion
+from credit.recovery.models.linear import LinearModel
 from credit.recovery.models.neural import NeuralModel
-from credit.recovery.models.step_linear import StepLinear
+from credit.recovery.places import Rows
+from credit.recovery.uncertainty.bootstrap import Analytic
 from credit.recovery.uncertainty.networks import Dropout
 
 TRANSITIONS, HORIZON, PASSES = 200_000, 250, 8
@@ -23,21 +26,29 @@ TRANSITIONS, HORIZON, PASSES = 200_000, 250, 8
 
 def relabelling(rounds: int = 6) -> list[Row]:
     """CPU time of mean and variance of 200,000 rows by three models, over that of the products alone."""
-    env, uncertainty = PointMaze(), Dropout(PASSES)
-    dnn = NeuralModel("dnn", Motion(), uncertainty)
-    heuristic = NeuralModel("heuristic", MazeGeometry(env), uncertainty, width=32, sparsity=0.0)
-    box = StepLinear("box", MazeCells(env))
-    rows, problem = trajectories(), ContinuousProblem(4, 2, HORIZON, (0,), torch.device("cpu"))
-    work: list[tuple[StepModel, Tensor]] = []
-    for model in (dnn, heuristic, box):
-        model.start(problem)
-        work.append((model, model.features(rows)))
-        model.fit(work[-1][1], rows)
-    nets = [(inputs, chain(inputs.shape[1], width)) for (_, inputs), width in zip(work, (64, 32), strict=False)]
+    uncertainty, known = Dropout(PASSES), PointMaze().knowledge()
+    cells, geometry = MazeCells(), MazeGeometry()
+    for features in (cells, geometry):
+        features.learn(known)
+    models: list[RewardModel] = [
+        NeuralModel("dnn", Motion(), uncertainty),
+        NeuralModel("heuristic", geometry, uncertainty, width=32, sparsity=0.0),
+        LinearModel("box", cells, Analytic(None), regularization=1.0, unit=10.0),
+    ]
+    problem = Problem.vectors(4, 2, HORIZON, (0,))
+    places, store = Rows(problem), Store(problem)
+    for model in models:
+        model.start(problem, places)
+    store.append(trajectories())
+    places.extend(store)
+    for model in models:
+        model.observe(store)
+    inputs = [features(store.windows)[0] for features in (Motion(), geometry)]
+    nets = [(rows, chain(rows.shape[1], width)) for rows, width in zip(inputs, (64, 32), strict=True)]
 
     def ours() -> None:
-        for model, inputs in work:
-            model.predict(inputs, rows)
+        for model in models:
+            model.estimate()
 
     works: dict[str, Callable[[], object]] = {"ours": ours, "bare": partial(bare, nets)}
     seconds = taken_in_turns(works, rounds)
@@ -47,22 +58,12 @@ def relabelling(rounds: int = 6) -> list[Row]:
     return [Row(what, figure, "≤ 1.5", ratio <= 1.5)]
 
 
-def trajectories() -> Trajectories:
+def trajectories() -> Windows:
     """Balls anywhere, in trajectories of H steps with labels of both kinds."""
     count, generator = TRANSITIONS // HORIZON, torch.Generator().manual_seed(0)
-    states = torch.rand(TRANSITIONS, 4, generator=generator) * 6 - 3
-    number = torch.arange(TRANSITIONS) // HORIZON
-    final = torch.arange(TRANSITIONS) % HORIZON == HORIZON - 1
-    return Trajectories(
-        states=states,
-        actions=torch.rand(TRANSITIONS, 2, generator=generator) * 2 - 1,
-        next_states=states,
-        replica=torch.zeros_like(number),
-        number=number,
-        final=final,
-        terminated=torch.zeros_like(final),
-        labels=(torch.arange(count).view(1, -1) % 2).double(),
-    )
+    states = torch.rand(1, count, HORIZON, 4, generator=generator) * 6 - 3
+    actions = torch.rand(1, count, HORIZON, 2, generator=generator) * 2 - 1
+    return Windows.of_grid(states, actions, states, (torch.arange(count).view(1, -1) % 2).double())
 
 
 def chain(inputs: int, width: int) -> list[Tensor]:

@@ -15,13 +15,14 @@ from torchrl.envs import DoubleToFloat, GymWrapper, TransformedEnv
 
 from credit.agents.sac.learner import Learner
 from credit.agents.sac.networks import extract_actor
+from credit.agents.sac.optimizer import SAC
 from credit.bench import peers
 from credit.bench.measure import Row, taken_in_turns
 from credit.bench.relabel import relabelling
-from credit.envs.pointmaze.collector import RoundCollector
-from credit.envs.pointmaze.env import PointMazeEnv
-from credit.envs.pointmaze.maze import Maze
-from credit.envs.pointmaze.task import Task
+from credit.core.problem import Problem
+from credit.envs.collect import Collector as OurCollector
+from credit.envs.feedback import Success
+from credit.envs.pointmaze.environment import PointMaze
 
 PLAIN: dict[str, Any] = {"layer_norm": False, "policy_delay": 1, "n_step": 1, "success_share": 0, "target_clip": False}
 FRAMES = 300
@@ -83,25 +84,24 @@ def learner(seeds: Sequence[int], **keys: Any) -> Callable[[], object]:
     """Our updates on the rows that the others get."""
     sac = Learner(learning_rate=peers.RATE, **keys)
     sac.make(4, 2, tuple(seeds))
-    replay = sac.replay(len(seeds) * peers.ROWS)
-    rows = peers.transitions()
-    for r in range(len(seeds)):
-        replay.extend(rows, torch.full((peers.ROWS,), r))
+    problem = Problem.vectors(4, 2, peers.LENGTH, tuple(seeds))
+    replay, rows = sac.replay(problem), peers.transitions()
+    replay.relabel(peers.windows(rows, len(seeds)), rows["next", "reward"][:, 0].expand(len(seeds), -1))
     return partial(sac.fit, replay, peers.UPDATES)
 
 
 def collection(rounds: int = 4) -> list[Row]:
     """Environment steps a second with a 256×256 actor in the loop, on PointMaze Medium."""
     gymnasium.register_envs(gymnasium_robotics)
-    task = Task(Maze.of("Medium"), (1, 1), (6, 6), FRAMES)
-    sac = Learner(width=peers.WIDTH)
-    sac.make(4, 2, (0,))
+    sac, env, feedback = SAC(width=peers.WIDTH), PointMaze(successes=0, partials=0, failures=0), Success(FRAMES)
+    problem = env.problem(FRAMES, (0,), "cpu")
+    for part in (env, feedback, sac):
+        part.start(problem)
+    ours = OurCollector(env, feedback, problem)
     frames: dict[str, int] = {"TorchRL": FRAMES, "Gymnasium": FRAMES}
     works = {"TorchRL": stock_collector(sac), "Gymnasium": plain_loop(sac)}
     for balls in (5, 20):
-        env = PointMazeEnv(task, seeds=(0,), copies=balls, episodes="round", reward="hidden")
-        collector = iter(RoundCollector(env, sac.policy(balls, FRAMES)))
-        works[str(balls)], frames[str(balls)] = partial(next, collector), FRAMES * balls
+        works[str(balls)], frames[str(balls)] = partial(ours.collect, sac, balls), FRAMES * balls
     seconds = taken_in_turns(works, rounds)
     rate = {name: frames[name] / best for name, best in seconds.items()}
     rows = [

@@ -10,8 +10,10 @@ from torch import Tensor
 
 from credit.bench.measure import Row, cpu_seconds, tensor_megabytes
 from credit.config import schema
-from credit.core.types import FLOAT, Problem, Windows
+from credit.core.problem import FLOAT, Problem
+from credit.core.store import Windows
 from credit.recovery.models.table import TableModel
+from credit.recovery.places import Table
 from credit.runs.runner import compose
 from credit.trainer import Trainer
 
@@ -54,17 +56,17 @@ def refits() -> list[Row]:
     """The next refit after 2,000 pairs were visited: conjugate gradient from the last solution, and a dense solve."""
     problem, windows, weights = experience()
     model: TableModel = schema.build(compose(["experiment=sepsis"]), "reference")
-    model.start(problem, DRAWS)
-    parts = (windows.states, windows.actions, windows.next_states, windows.labels)
+    model.start(problem, Table(problem, problem.cells))
     count, ours = windows.labels.shape[1], list[float]()
     for start in range(0, count, ROUND):
         rows = slice(start, start + ROUND)
-        ours.append(cpu_seconds(partial(model.observe, Windows(*(part[:, rows] for part in parts)), weights[:, rows])))
+        ours.append(cpu_seconds(partial(model.fit, part_of(windows, rows), weights[:, rows])))
     last = sum(ours[-5:]) / 5
     held = tensor_megabytes()
     solutions: list[Tensor] = []
     dense = cpu_seconds(lambda: solutions.extend(dense_fits(problem, windows, weights, model.regularization)))
     estimate = model.estimate()
+    assert estimate.draws is not None
     fits = torch.cat([estimate.mean, estimate.draws[0]])
     exact = torch.stack(solutions)
     error = float(((fits - exact).abs().amax(1) / exact.abs().amax(1)).max())
@@ -83,22 +85,28 @@ def experience() -> tuple[Problem, Windows, Tensor]:
     trainer: Trainer = schema.build(compose(["experiment=sepsis", "method=random"]), "trainer")
     trainer.start((0,))
     trainer.run(lambda step, values: None)
-    windows = trainer.dataset.windows
-    pairs = windows.pairs(trainer.problem.actions)[0]
+    windows = trainer.store.windows
+    pairs = windows.grid(windows.pairs(trainer.problem.actions))[0]
     seen = torch.zeros(trainer.problem.pairs, dtype=torch.bool)
     count = 0
     while seen.sum() < VISITED:
         seen[pairs[count]] = True
         count += 1
-    parts = (windows.states, windows.actions, windows.next_states, windows.labels)
     drawn = torch.poisson(torch.ones(1, count, DRAWS, dtype=FLOAT), torch.Generator().manual_seed(0))
     weights = torch.cat([torch.ones(1, count, 1, dtype=FLOAT), drawn], dim=-1)
-    return trainer.problem, Windows(*(part[:, :count] for part in parts)), weights
+    return trainer.problem, part_of(windows, slice(0, count)), weights
+
+
+def part_of(windows: Windows, rows: slice) -> Windows:
+    """Some of the windows."""
+    steps = (windows.states, windows.actions, windows.next_states)
+    states, actions, arrivals = (windows.grid(part)[:, rows] for part in steps)
+    return Windows.of_grid(states, actions, arrivals, windows.labels[:, rows])
 
 
 def dense_fits(problem: Problem, windows: Windows, weights: Tensor, regularization: float) -> list[Tensor]:
     """Every fit by the normal equations of the visited pairs, written out; θ [S·A] each."""
-    pairs = windows.pairs(problem.actions)[0]
+    pairs = windows.grid(windows.pairs(problem.actions))[0]
     visited, columns = pairs.unique(return_inverse=True)
     x = torch.zeros(len(pairs), len(visited), dtype=FLOAT)
     x.scatter_add_(1, columns.view(pairs.shape), torch.ones_like(pairs, dtype=FLOAT))

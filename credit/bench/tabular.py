@@ -12,6 +12,7 @@ from scipy import stats
 from credit.bench import naive
 from credit.bench.measure import Row, cpu_seconds, peak_megabytes, tensor_megabytes
 from credit.config import schema
+from credit.core.store import Windows
 from credit.runs.runner import compose
 from credit.trainer import Trainer
 
@@ -31,8 +32,7 @@ def run(say: Callable[[str], None] = lambda line: None) -> list[Row]:
     fast(50, REPLICAS)  # warm-up
     say(f"disagreement, {REPLICAS} replicas, {BLOCKS} blocks")
     ours = cpu_seconds(lambda: fast(BLOCKS, REPLICAS), repeat=2) / REPLICAS
-    windows = fast(BLOCKS, 1, first_seed=7).dataset.windows
-    arrays = [part[0].numpy() for part in (windows.states, windows.actions, windows.next_states, windows.labels)]
+    arrays = arrays_of(fast(BLOCKS, 1, first_seed=7).store.windows)
     say("the naive way, and the naive way with design matrices kept, at 6 lengths of history")
     first, kept = naive_seconds(arrays, cache=False), naive_seconds(arrays, cache=True)
     say(f"{4 * BLOCKS} blocks")
@@ -97,16 +97,14 @@ def agreement(arrays: list[np.ndarray], seeds: int = 12, blocks: int = 150) -> l
     """Equal fits on equal windows; the same bootstrap variance; the same regret within its interval."""
     states, actions, _, labels = arrays
     trainer = fast(len(labels), 1, first_seed=7)
-    recovery = trainer.recovery()
-    assert recovery is not None
+    belief = trainer.belief()
+    assert belief is not None
     fitted, mse, _ = naive.proxies(states, actions, labels, 400, np.random.default_rng(1))
-    gap = max(
-        float(np.abs(recovery.mean[0, j].numpy() - table.ravel()).max()) for j, table in enumerate(fitted.values())
-    )
-    ratio = float(np.exp(np.log(recovery.mse[0, 0].numpy() / mse["ridge"].ravel()).mean()))
+    gap = max(float(np.abs(belief.mean[0, j].numpy() - table.ravel()).max()) for j, table in enumerate(fitted.values()))
+    ratio = float(np.exp(np.log(belief.mse[0, 0].numpy() / mse["ridge"].ravel()).mean()))
     ours = fast(blocks, seeds)
     theirs = np.array([naive_regret(seed, blocks) for seed in range(seeds)])
-    difference = ours.oracle.metrics({}, None)["regret/cumulative"].numpy() - theirs
+    difference = ours.judge.measure({}, None)["regret/cumulative"].numpy() - theirs
     low, high = stats.t.interval(0.95, seeds - 1, loc=difference.mean(), scale=stats.sem(difference))
     return [
         Row("largest difference of point fits on the same 2,000 windows", f"{gap:.1e}", "≤ 1e-8", gap <= 1e-8),
@@ -131,15 +129,29 @@ def naive_regret(seed: int, blocks: int) -> float:
     trainer.start((seed,))
     learner = naive.NaiveDisagreement(np.random.default_rng(seed))
     for _ in range(blocks):
-        windows, primitive = trainer.env.collect(partial(follow, learner), trainer.feedback, 1, 7)
-        trainer.oracle.update(primitive, windows.labels, trainer.optimizer)
-        trainer.dataset.append(windows)
-        everything = trainer.dataset.windows
-        parts = (everything.states, everything.actions, everything.next_states, everything.labels)
-        learner.decide(*(part[0].numpy() for part in parts))
-    return float(trainer.oracle.metrics({}, None)["regret/cumulative"][0])
+        windows, primitive = trainer.collector.collect(Follower(learner), 1)
+        trainer.judge.update(windows, primitive, trainer.optimizer)
+        trainer.store.append(windows)
+        learner.decide(*arrays_of(trainer.store.windows))
+    return float(trainer.judge.measure({}, None)["regret/cumulative"][0])
 
 
-def follow(learner: naive.NaiveDisagreement, states: torch.Tensor, step: int) -> torch.Tensor:
-    """The naive learner's actions."""
-    return torch.from_numpy(learner.policy)[states]
+class Follower:
+    """Acts as the naive learner does.
+
+    Args:
+        learner: which.
+    """
+
+    def __init__(self, learner: naive.NaiveDisagreement) -> None:
+        self._learner = learner
+
+    def act(self, states: torch.Tensor, step: torch.Tensor) -> torch.Tensor:
+        """The naive learner's actions."""
+        return torch.from_numpy(self._learner.policy)[states]
+
+
+def arrays_of(windows: Windows) -> list[np.ndarray]:
+    """States, actions, next states [K, T] and labels [K] of the first replica."""
+    rows = (windows.grid(part)[0].numpy() for part in (windows.states, windows.actions, windows.next_states))
+    return [*rows, windows.labels[0].numpy()]

@@ -57,23 +57,21 @@ class Kind:
 
 
 KINDS = {
-    "env": Kind("credit.core.interfaces:Environment", ("env",), "where steps happen"),
-    "feedback": Kind("credit.core.interfaces:Feedback", ("feedback",), "what a label is"),
+    "env": Kind("credit.core.seams:Environment", ("env",), "where steps happen"),
+    "feedback": Kind("credit.core.seams:Feedback", ("feedback",), "what a label is"),
     "reward": Kind(
-        "credit.core.interfaces:RewardModel",
+        "credit.core.seams:RewardModel",
         ("reference", "surrogates"),
         "reward models: reward@reference=…, +reward@surrogates.NAME=…",
     ),
-    "features": Kind("credit.core.interfaces:FeatureMap", (), "what a reward model looks at"),
-    "uncertainty": Kind("credit.core.interfaces:Uncertainty", ("uncertainty",), "how far a fit can be trusted"),
-    "mixer": Kind("credit.core.interfaces:Mixer", ("mixer",), "MSE proxies → weights of the models"),
-    "bonus": Kind(
-        "credit.core.interfaces:Bonus", ("bonus",), "what optimism adds; several: bonus=[count,disagreement]"
-    ),
-    "assigner": Kind("credit.core.interfaces:CreditAssigner", ("assigner",), "windows → one reward per step"),
-    "transition": Kind("credit.core.tables:TransitionModel", ("transition",), "P̂ for planning"),
-    "optimizer": Kind("credit.core.interfaces:Optimizer", ("optimizer",), "relabelled rewards → policy"),
-    "scaler": Kind("credit.core.continuous:Scaler", ("scaler",), "how a pseudo-reward is scaled and clipped"),
+    "features": Kind("credit.core.seams:FeatureMap", (), "what a reward model looks at"),
+    "uncertainty": Kind("credit.core.seams:Uncertainty", ("uncertainty",), "how far a fit can be trusted"),
+    "mixer": Kind("credit.core.seams:Mixer", ("mixer",), "MSE proxies → weights of the models"),
+    "bonus": Kind("credit.core.seams:Bonus", ("bonus",), "what optimism adds; several: bonus=[count,disagreement]"),
+    "assigner": Kind("credit.core.seams:CreditAssigner", ("assigner",), "windows → one reward per step"),
+    "transition": Kind("credit.core.seams:Transition", ("transition",), "P̂ for planning"),
+    "optimizer": Kind("credit.core.seams:Agent", ("optimizer",), "relabelled rewards → policy"),
+    "scaler": Kind("credit.core.seams:Scaler", ("scaler",), "how a pseudo-reward is scaled and clipped"),
     "tracking": Kind("credit.tracking:Tracking", ("tracking",), "where runs are mirrored"),
 }
 CHOICES = {  # folders that choose among the kinds, and build nothing themselves

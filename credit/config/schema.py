@@ -19,6 +19,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from credit.config.signatures import REQUIRED, component_kind, describe, signature, takes_several
 from credit.core.component import Component
 from credit.core.errors import UserError, nearest
+from credit.renamed import today
 
 ENTRY_POINTS = "credit.components"
 STRICT = ConfigDict(strict=True, allow_inf_nan=False)
@@ -136,20 +137,27 @@ class Check:
                         self.problems.append(f"{path}.{name}: a component is missing here (a mapping with _target_)")
                 elif takes_several(hint) or is_component(self._config.get(name)):
                     self._reach(name, path)
+                    self._suits(path, cls, name, hint)
                 elif isinstance(self._config.get(name), Mapping):
                     self.problems.append(f"{name}: {path} needs one component here, not several by name")
                 elif default is REQUIRED and self._config.get(name) is None:
                     self.problems.append(f"{name}: {path} needs one, and there is none; add {name}=<option> ({asker})")
 
+    def _suits(self, path: str, cls: type[Component], slot: str, hint: Any) -> None:
+        """Complain about components in a slot that are not of the class that a constructor asks for."""
+        wanted = component_kind(hint)
+        assert wanted is not None
+        for other, given in self._classes[slot].items():
+            if not issubclass(given, wanted):
+                self.problems.append(
+                    f"{path}: {cls.__name__} needs a {wanted.__name__} in {other}, and there is {given.__name__}; "
+                    f"choose another {slot}, or give {path}.{slot} one of its own"
+                )
+
     def _fit(self) -> None:
-        """Do the parts fit together: their domains, and what each declares that it needs."""
+        """Do the parts fit together: what each declares that it needs in other slots."""
         for slot in sorted(self.used):
             for path, cls in [*self._classes[slot].items(), *self._parts[slot]]:
-                for wanted, given in self._mismatches(cls):
-                    self.problems.append(
-                        f"{path}: {cls.__name__} works on {wanted} environments only, and env is the {given}; "
-                        f"choose another {slot}, or another env"
-                    )
                 for needed_slot, needed in cls.needs.items():
                     for other, other_class in self._classes.get(needed_slot, {}).items():
                         if not issubclass(other_class, needed):
@@ -157,14 +165,6 @@ class Check:
                                 f"{path}: {cls.__name__} needs a {needed.__name__} in {other}, and there is "
                                 f"{other_class.__name__}; choose another {slot}, or another {needed_slot}"
                             )
-
-    def _mismatches(self, cls: type[Component]) -> list[tuple[str, str]]:
-        """(what a class works on, what the environment is instead), for its domain and its setting."""
-        environment = next(iter(self._classes.get("env", {}).values()), None)
-        if environment is None:
-            return []
-        pairs = ((cls.domain, environment.domain), (cls.setting, environment.setting))
-        return [(want, f"{have} {environment.__name__}") for want, have in pairs if want not in ("any", have)]
 
 
 def build(config: Mapping[str, Any], slot: str) -> Any:
@@ -216,6 +216,8 @@ def resolve(path: str, node: Mapping[str, Any]) -> type[Component]:
     try:
         found = getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError) as error:
+        if (now := today(target)) != target:
+            raise UserError(f"{path}._target_={target!r} has another name now: {now}") from None
         raise UserError(f"{path}._target_={target!r} cannot be imported: {error}") from None
     if not (isinstance(found, type) and issubclass(found, Component)):
         raise UserError(f"{path}._target_={target!r} is not a component of credit")

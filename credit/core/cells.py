@@ -11,41 +11,12 @@ import torch
 from torch import Tensor
 
 from credit.core.errors import UserError
+from credit.core.steps import Steps
 
 Axis = Literal["step", "state", "action", "next_state"]
 ORDER: tuple[Axis, ...] = ("step", "state", "action", "next_state")
 PAIRS: tuple[Axis, ...] = ("state", "action")
 LARGEST = 1_000_000  # cells
-
-
-@dataclass(frozen=True)
-class Steps:
-    """Steps that were taken: states, actions, next_states, int64; the last dimension runs over the window."""
-
-    states: Tensor
-    actions: Tensor
-    next_states: Tensor
-
-    @property
-    def times(self) -> Tensor:
-        """The step in the window, counted from 0, same shape."""
-        return torch.arange(self.states.shape[-1], device=self.states.device).expand_as(self.states)
-
-    def pairs(self, actions: int) -> Tensor:
-        """Index s·A + a of every step, same shape."""
-        return self.states * actions + self.actions
-
-
-@dataclass(frozen=True)
-class Listed(Steps):
-    """Steps [N] outside of any window, each with its time in one."""
-
-    step: Tensor
-
-    @property
-    def times(self) -> Tensor:
-        """The step in the window."""
-        return self.step
 
 
 @dataclass(frozen=True)
@@ -98,14 +69,14 @@ class Cells:
             cell = cell * size + values[axis]
         return cell
 
-    def steps(self, device: torch.device) -> Listed:
+    def steps(self, device: torch.device) -> Steps:
         """One step for every cell; what the table does not look at is 0."""
         rest = torch.arange(self.count, device=device)
         values = {axis: torch.zeros_like(rest) for axis in ORDER}
         for axis, size in zip(reversed(self.axes), reversed(self.sizes), strict=True):
             values[axis] = rest % size
             rest = rest // size
-        return Listed(values["state"], values["action"], values["next_state"], values["step"])
+        return Steps(values["state"], values["action"], values["next_state"], values["step"])
 
     def known(self, of_pair: Tensor, of_arrival: Tensor | None = None) -> Tensor:
         """A known reward as a table [N], NaN where such a table cannot say it.

@@ -149,7 +149,7 @@ def _repeats(tensor: Any) -> bool:
 def _constant(value: Any) -> bool:
     import torch
 
-    from credit.core.types import Replicas
+    from credit.core.problem import Replicas
 
     return isinstance(value, (Replicas, torch.device))
 

@@ -10,8 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from credit.core.problem import Replicas
 from credit.core.state import Stateful
-from credit.core.types import Replicas
 
 Kind = Literal["uniform", "normal", "poisson"]
 
@@ -20,6 +20,12 @@ def generators(seeds: Sequence[int], purpose: str) -> list[np.random.Generator]:
     """One NumPy generator a seed; different purposes give independent streams."""
     key = zlib.crc32(purpose.encode())
     return [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(key,))) for seed in seeds]
+
+
+def side_by_side(seeds: Sequence[int], purpose: str, members: int) -> list[np.random.Generator]:
+    """One generator for each of E networks of each replica, those of a replica together."""
+    each = [generators(seeds, f"{purpose} {member}") for member in range(members)]
+    return [generator for own in zip(*each, strict=True) for generator in own]
 
 
 class Stream(Stateful):

@@ -1,108 +1,268 @@
-"""What a learner remembers: TorchRL's replay buffer, from which every replica draws steps of its own."""
+"""What an agent learns from: the rows of a store, with rewards that may change, drawn by each replica for itself."""
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple
 
 import torch
-from tensordict import TensorDict
 from torch import Tensor
-from torchrl.data import LazyTensorStorage, ReplayBuffer, Storage
-from torchrl.data.replay_buffers.samplers import RandomSampler
 
+from credit.core.draws import Draws
+from credit.core.errors import UserError
+from credit.core.problem import Problem
+from credit.core.seams import CreditAssigner
 from credit.core.state import Stateful
-from credit.core.streams import Stream
-from credit.core.types import Problem
+from credit.core.store import Store, Windows, put
+from credit.core.tensors import grown
+from credit.data.returns import discounted_sums, episode_ends
 
-logging.getLogger("torchrl").setLevel(logging.WARNING)  # it announces every buffer that it makes
+Prefer = Literal["none", "success", "top"]
+TOP = 0.9  # quantile of a replica's labels from which on a window is among its best
 
 
-class StreamSampler(RandomSampler):
-    """Uniform with replacement, each replica from a stream of its own: an item is a step of a window.
+class Batch(NamedTuple):
+    """Steps of R replicas, B each; where returns span n steps, `ahead` lies n steps later.
 
-    Args:
-        problem: gives the seeds and T. batch: steps a replica and draw.
+    Attributes:
+        observation: s [R, B] or [R, B, O]. action: a [R, B] or [R, B, A]. step: in the episode [R, B].
+        returns: Σ γᵏ r [R, B] up to `ahead`. discount: γⁿ [R, B], 0 where nothing lies behind `ahead`.
+        ahead: the observation there, as `observation`. low, high: bounds of a return [R, 1], from the range of the
+            rewards. outcome: Σ γᵏ r to the end of the episode [R, B], where it was asked for.
     """
 
-    def __init__(self, problem: Problem, batch: int) -> None:
-        super().__init__()
-        self.stream = Stream(problem, "replay", "uniform", batch)
-        self._window = problem.window
-        self._replicas = torch.arange(problem.replicas, device=problem.device).unsqueeze(1)
-
-    def sample(self, storage: Storage, batch_size: int) -> tuple[tuple[Tensor, ...], dict[str, Any]]:
-        """Indices (window, replica, step) [R, batch_size·B] into a storage of windows."""
-        uniform = torch.cat([self.stream.next() for _ in range(batch_size)], dim=1)
-        item = (uniform * (len(storage) * self._window)).to(torch.int64)
-        return (item // self._window, self._replicas, item % self._window), {}
+    observation: Tensor
+    action: Tensor
+    step: Tensor | None
+    returns: Tensor
+    discount: Tensor
+    ahead: Tensor
+    low: Tensor
+    high: Tensor
+    outcome: Tensor | None = None
 
 
 class Replay(Stateful):
-    """The newest windows of R replicas, with a pseudo-reward for every step that may change later.
+    """All rows of a store, or those of its newest windows, with rewards that may change later.
+
+    States and actions stay where they are, in the store. Beside them there are, for each row, its reward, and what
+    follows from the rewards: n-step returns, where they end, and the discount there; 16 bytes in float32. Returns run
+    to the end of an episode at most; behind a terminated one there is no value, behind one that was cut short there is.
 
     Args:
-        problem: sizes. capacity: windows that are kept. batch: steps a sample, B.
-        discount: γ of the return.
+        problem: seeds, device, and whether windows are episodes. n_step: n. discount: γ.
+        prefer: which windows are preferred: those with the label 1, where labels are bits (`success`); those with the
+            best tenth of all labels (`top`); or `none`. share: of a batch, what is drawn from them (where a replica has
+            some; the rest from all).
+        capacity: windows that are remembered, the newest; None for all.
+        outcome: whether batches say how the episode goes on. kind: of numbers. purpose: of the random numbers.
+
+    Example:
+        >>> replay = Replay(problem, n_step=3)
+        >>> replay.relabel(store.windows, assigner.rewards(store.windows))
+        >>> batches = replay.sample(batch=64, count=32)
     """
 
-    def __init__(self, problem: Problem, capacity: int, batch: int, discount: float) -> None:
-        self._discount = discount
-        self._capacity = capacity
-        self._batch = batch
-        storage = LazyTensorStorage(capacity, device=problem.device)
-        self._sampler = StreamSampler(problem, batch)
-        self.buffer = ReplayBuffer(storage=storage, sampler=self._sampler)
+    def __init__(
+        self,
+        problem: Problem,
+        n_step: int = 1,
+        discount: float = 0.99,
+        prefer: Prefer = "none",
+        share: float = 0.0,
+        capacity: int | None = None,
+        outcome: bool = False,
+        kind: torch.dtype = torch.float32,
+        purpose: str = "replay",
+    ) -> None:
+        self._problem, self.n_step, self.discount = problem, n_step, discount
+        self.prefer, self.share, self.capacity = prefer, share, capacity
+        self._kinds = {"reward": kind, "returns": kind, "discount": kind, "last": torch.int32}
+        if outcome:
+            self._kinds["outcome"] = kind
+        self._draws = Draws(problem.seeds, purpose, problem.device)
+        self._replica = torch.arange(problem.replicas, device=problem.device).unsqueeze(1)
+        self._windows: Windows | None = None
+        self._columns: dict[str, Tensor] = {}  # [R, room], room for all rows
+        self._counts: list[int] = []  # rows of each replica
+        self._bounds: tuple[Tensor, Tensor]  # low and high
 
-    def extend(self, rewards: Tensor, **steps: Tensor) -> None:
-        """Add windows with pseudo-rewards [R, K, T] and whatever else is to be known of their steps, [R, K, T]."""
-        columns = {name: part[:, -self._capacity :].transpose(0, 1) for name, part in steps.items()}
-        columns |= self._credit(rewards[:, -self._capacity :])
-        self.buffer.extend(TensorDict(columns, batch_size=columns["reward"].shape))
+    @property
+    def windows(self) -> Windows:
+        """The rows, as the store has them.
 
-    def relabel(self, rewards: Tensor) -> None:
-        """Replace the rewards of all that is stored by those of all windows so far [R, K, T], oldest first."""
-        kept = len(self.buffer)
-        # a full buffer starts over at its first row
-        newest = rewards[:, -kept:].roll(self.buffer.write_count % kept, dims=1)
-        stored = self.buffer[:]
-        for name, column in self._credit(newest).items():
-            stored.set_(name, column)  # in place: of a part-full buffer, an assignment would change a copy
+        Raises:
+            RuntimeError: there are none yet.
+        """
+        if self._windows is None:
+            raise RuntimeError("this replay has no rows yet; give it some by `update` or `relabel`")
+        return self._windows
+
+    @property
+    def rewards(self) -> Tensor:
+        """The reward of every row [R, n], 0 where a replica has fewer."""
+        return self._columns["reward"][:, : len(self.windows)]
+
+    def update(self, store: Store, assigner: CreditAssigner, cost: float = 0.0) -> None:
+        """Take the rewards of an assigner, less a cost: for all rows where old ones change, else for the newest."""
+        if assigner.learns or self._counts != store.before.tolist():
+            self.relabel(store.windows, assigner.rewards(store.windows) - cost)
+        else:
+            self.extend(store.windows, assigner.rewards(store.new) - cost)
+
+    def relabel(self, windows: Windows, rewards: Tensor) -> None:
+        """Take rewards [R, n] for all rows of all windows so far.
+
+        Raises:
+            ValueError: another number of rewards than of rows. RuntimeError: a replica has no rows. UserError: labels
+                that are no bits, where those of success are preferred.
+        """
+        if rewards.shape != windows.states.shape[:2]:
+            raise ValueError(f"rewards of shape {tuple(rewards.shape)} for rows {tuple(windows.states.shape[:2])}")
+        if self._columns and self._columns["reward"].shape[1] >= len(windows):
+            self._columns["reward"].zero_()
+        else:
+            shape, device = rewards.shape, rewards.device
+            self._columns = {name: torch.zeros(shape, dtype=kind, device=device) for name, kind in self._kinds.items()}
+        self._counts = [0] * len(rewards)
+        self.extend(windows, rewards)
+
+    def extend(self, windows: Windows, rewards: Tensor) -> None:
+        """Take rewards for the rows of each replica that are new among all windows so far; raises as `relabel` does.
+
+        Args:
+            windows: all. rewards: of the new rows [R, m], as those of a store's newest windows stand.
+        """
+        rows, before = len(windows), self._counts
+        counts = [rows] * len(rewards) if windows.count is None else windows.count.tolist()
+        if not all(counts):
+            raise RuntimeError(f"replicas {[r for r, count in enumerate(counts) if not count]} have no rows")
+        added = [count - start for count, start in zip(counts, before, strict=True)]
+        if max(added) != rewards.shape[1]:
+            raise ValueError(f"rewards of shape {tuple(rewards.shape)} for at most {max(added)} new rows a replica")
+        if rows > self._columns["reward"].shape[1]:
+            self._columns = {name: grown(column, rows) for name, column in self._columns.items()}
+        if len(set(before)) == len(set(counts)) == 1:
+            self._columns["reward"][:, before[0] : rows] = rewards
+        else:
+            put(self._columns["reward"], rewards.to(self._kinds["reward"]), before, added)
+        self._windows, self._counts = windows, counts
+        forgotten = windows.labels.shape[1] - (self.capacity or windows.labels.shape[1])
+        first = windows.ends[:, forgotten - 1] + 1 if forgotten > 0 else torch.zeros_like(self._replica[:, 0])
+        self._first = first.unsqueeze(1)
+        self._size = torch.tensor(counts, device=rewards.device).unsqueeze(1) - self._first
+        self._sum(min(before))
+        self._bound(min(before))
+        self._prefer(max(forgotten, 0))
+
+    def sample(self, batch: int, count: int = 1) -> list[Batch]:
+        """`count` batches of `batch` rows a replica."""
+        uniform = self._draws.uniform(count, batch, axis=1)  # [count, R, B]
+        rows = self._first + (uniform * self._size).long()
+        wins = round(self.share * batch)
+        if wins and self._preferred.shape[1]:
+            place = (uniform[..., :wins] * self._wins).long()
+            best = self._preferred.expand(count, -1, -1).gather(2, place).long()
+            rows[..., :wins] = torch.where(self._wins > 0, best, rows[..., :wins])
+        drawn = self.at(rows)
+        several = {name: part.unbind() for name, part in zip(Batch._fields, drawn, strict=True) if part is not None}
+        bounds = {name: [getattr(drawn, name)] * count for name in ("low", "high")}
+        fields = [(several | bounds).get(name, [None] * count) for name in Batch._fields]
+        return [Batch(*parts) for parts in zip(*fields, strict=True)]
+
+    def span(self, replica: int) -> tuple[int, int]:
+        """The oldest row of a replica that is remembered, and how many there are from it on."""
+        return int(self._first[replica]), int(self._size[replica])
+
+    def ahead(self, rows: Tensor, replica: Tensor | int) -> Tensor:
+        """The row at whose end the n-step returns of rows [...] of a replica stop."""
+        return self._columns["last"][replica, rows].long()
+
+    def ends(self, rows: Tensor, replica: Tensor | int) -> tuple[Tensor, Tensor]:
+        """Whether rows [...] of a replica are the last of their episode, and whether nothing lies behind them."""
+        windows = self.windows
+        if windows.ended is not None and windows.terminated is not None:
+            return windows.ended[replica, rows], windows.terminated[replica, rows]
+        last = (rows + 1) % (windows.length or 1) == 0 if self._problem.episodic else torch.zeros_like(rows).bool()
+        return last, last
+
+    def at(self, rows: Tensor, replica: Tensor | int | None = None) -> Batch:
+        """Some rows [..., R, B] of each replica, or [B] of one."""
+        windows, held = self.windows, self._columns
+        replica = self._replica if replica is None else replica
+        ahead = self.ahead(rows, replica)
+        step = rows % windows.length if windows.length else None
+        return Batch(
+            windows.states[replica, rows],
+            windows.actions[replica, rows],
+            step if windows.step is None else windows.step[replica, rows],
+            held["returns"][replica, rows],
+            held["discount"][replica, rows],
+            windows.next_states[replica, ahead],
+            *self._bounds,
+            held["outcome"][replica, rows] if "outcome" in held else None,
+        )
 
     def state_dict(self) -> dict[str, Any]:
-        """All that is stored, how many windows ever were, and the sampler's stream."""
-        rows = {name: column.cpu().clone() for name, column in self.buffer[:].items()} if len(self.buffer) else {}
-        return {"rows": rows, "written": self.buffer.write_count, "stream": self._sampler.stream.state_dict()}
+        """The streams: rows are the store's, and rewards are given anew before the next batch."""
+        return {"draws": self._draws.state_dict()}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Become the memory that gave this state."""
-        self.buffer.empty()
-        self._sampler.stream.load_state_dict(state["stream"])
-        if rows := state["rows"]:
-            stored = TensorDict(rows, batch_size=rows["reward"].shape)
-            self.buffer.extend(stored)
-            if len(stored) == self._capacity and (over := state["written"] % self._capacity):
-                self.buffer.extend(stored[:over])  # the next window goes behind these
+        """Draw on from there."""
+        self._draws.load_state_dict(state["draws"])
+        self._counts = []
 
-    def batches(self, count: int) -> Iterator[dict[str, Tensor]]:
-        """Name → what is known of B steps of every replica [R, B], `reward` and `outcome` (the return) among them.
+    def _sum(self, new: int) -> None:
+        """Fill the columns that follow from rewards, where rows from `new` on are new."""
+        windows, held = self.windows, self._columns
+        apart = self._problem.episodic and windows.ended is None  # no sum runs from old windows into new ones
+        start = new if apart else 0 if "outcome" in held else max(0, new - self.n_step + 1)
+        end, over = episode_ends(windows, self._problem.episodic, start)
+        here = torch.arange(start, len(windows), device=end.device)
+        last = torch.minimum(here + self.n_step - 1, end)
+        part = slice(start, len(windows))
+        held["last"][:, part] = last
+        held["returns"][:, part] = discounted_sums(self.rewards, last, self.discount, self.n_step)
+        power = self.discount ** (last - here + 1).double()
+        held["discount"][:, part] = power * ~over.gather(1, (last - start).clamp(min=0))
+        if "outcome" in held:
+            held["outcome"][:, part] = discounted_sums(self.rewards, end, self.discount, len(windows))
 
-        All batches are drawn at once: a call of the buffer costs more than what it returns.
-        """
-        columns = self.buffer.sample(count).to_dict()
-        for parts in zip(*(column.split(self._batch, dim=1) for column in columns.values()), strict=True):
-            yield dict(zip(columns, parts, strict=True))
+    def _bound(self, new: int) -> None:
+        """Between what an endless discounted sum of the rewards, cut anywhere, must lie: low and high [R, 1]."""
+        rewards, rest = self.rewards[:, new:], 1 - self.discount
+        low, high = rewards.amin(1, keepdim=True).clamp(max=0), rewards.amax(1, keepdim=True).clamp(min=0)
+        bounds = (low / rest, high / rest) if rest else (low - torch.inf, high + torch.inf)
+        if new:
+            bounds = torch.minimum(self._bounds[0], bounds[0]), torch.maximum(self._bounds[1], bounds[1])
+        self._bounds = bounds
 
-    def _credit(self, rewards: Tensor) -> dict[str, Tensor]:
-        by_row = rewards.transpose(0, 1)
-        return {"reward": by_row, "outcome": returns(by_row, self._discount)}
+    def _prefer(self, forgotten: int) -> None:
+        """Find the rows of preferred windows [R, most], and how many there are of each replica [R, 1]."""
+        self._wins, self._preferred = torch.zeros_like(self._size), self._replica[:, :0].int()
+        if self.prefer == "none" or not self.share:
+            return
+        windows = self.windows
+        good = preferred(windows.labels[:, forgotten:], self.prefer)
+        good = torch.nn.functional.pad(good, (forgotten, 0)).to(windows.labels.dtype)
+        own = windows.to_steps(good) > 0
+        self._wins = own.sum(1, keepdim=True)
+        places = own.nonzero()[:, 1].int().split(self._wins.flatten().tolist())
+        self._preferred = torch.nn.utils.rnn.pad_sequence(list(places), batch_first=True)
 
 
-def returns(rewards: Tensor, discount: float) -> Tensor:
-    """G_t = r_t + γ·G_{t+1}, the return [..., T] from a step to the end of its window, of rewards [..., T]."""
-    total, found = torch.zeros_like(rewards[..., 0]), list[Tensor]()
-    for reward in reversed(rewards.unbind(-1)):
-        total = reward + discount * total
-        found.insert(0, total)
-    return torch.stack(found, dim=-1)
+def preferred(labels: Tensor, prefer: Prefer) -> Tensor:
+    """Which windows are preferred, by their labels [R, K].
+
+    Raises:
+        UserError: `success` of labels that are no bits.
+    """
+    if prefer == "top":
+        return labels >= labels.quantile(TOP, dim=1, keepdim=True)
+    strange = labels[(labels != 0) & (labels != 1)]
+    if len(strange):
+        raise UserError(
+            f"optimizer.prefer=success: a label says 1 for success and 0 for none, and here is one of "
+            f"{float(strange[0]):.6g}; choose optimizer.prefer=top for the best tenth of all labels, or none"
+        )
+    return labels > 0

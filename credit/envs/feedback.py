@@ -7,9 +7,10 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from credit.core.interfaces import Feedback, SomeProblem
+from credit.core.problem import Problem
+from credit.core.ranges import NonNegative, PositiveInt
+from credit.core.seams import Feedback
 from credit.core.streams import Stream
-from credit.core.types import NonNegative, PositiveInt
 
 
 class BlockSum(Feedback):
@@ -24,7 +25,7 @@ class BlockSum(Feedback):
         self.window = window
         self.noise = noise
 
-    def start(self, problem: SomeProblem) -> None:
+    def start(self, problem: Problem) -> None:
         """Make the noise stream."""
         self._stream = Stream(problem, "feedback", "normal", 1)
 
@@ -41,13 +42,13 @@ class Terminal(Feedback):
         window: T, steps that share one label.
     """
 
-    domain: ClassVar = "tabular"  # trajectories may end before T
-    additive: ClassVar = False
+    objective: ClassVar = "last"
+    whole: ClassVar = True
 
     def __init__(self, window: PositiveInt = 5) -> None:
         self.window = window
 
-    def start(self, problem: SomeProblem) -> None:
+    def start(self, problem: Problem) -> None:
         """There is no noise."""
 
     def __call__(self, rewards: Tensor) -> Tensor:
@@ -56,20 +57,24 @@ class Terminal(Feedback):
 
 
 class Success(Feedback):
-    """Whether the goal was reached, one bit for a whole trajectory (27); rewards are 1 there and 0 before.
+    """Whether the goal was reached, one bit for a whole episode (27).
+
+    The environment says whether a step is a success (the fact `success`), or its reward is positive where it is one.
 
     Args:
-        window: H, most steps of a trajectory.
+        window: H, most steps of an episode.
     """
 
-    domain: ClassVar = "continuous"
+    setting: ClassVar = "episodic"
+    objective: ClassVar = "success"
+    reads: ClassVar = "success"
 
     def __init__(self, window: PositiveInt = 300) -> None:
         self.window = window
 
-    def start(self, problem: SomeProblem) -> None:
+    def start(self, problem: Problem) -> None:
         """There is no noise."""
 
     def __call__(self, rewards: Tensor) -> Tensor:
-        """Y = 1 if any reward of a trajectory [R, K, T] is positive, else 0."""
+        """Y = 1 if any reward of an episode [R, K, T] is positive, else 0."""
         return (rewards > 0).any(-1).to(rewards.dtype)

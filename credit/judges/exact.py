@@ -2,22 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from typing import ClassVar
 
 import torch
 from torch import Tensor
 
+from credit.core.belief import Belief
 from credit.core.cells import Cells
-from credit.core.interfaces import Optimizer
-from credit.core.state import Stateful
-from credit.core.types import FLOAT, Belief, Problem, Recovery
+from credit.core.errors import UserError
+from credit.core.policy import Policy, tabulate
+from credit.core.problem import FLOAT, Problem
+from credit.core.seams import Agent, Judge
+from credit.core.store import Windows
+from credit.core.truth import ContinuingTruth, EpisodicTruth
 
 
 def policy_error(policy: Tensor, optimal: Tensor, weight: Tensor | None = None) -> Tensor:
-    """Share of states [R] where a policy [R, S] differs from π* [S], each state weighted equally or by `weight` [S]."""
-    wrong = (policy != optimal).to(FLOAT)
-    return wrong.mean(-1) if weight is None else (wrong * weight).sum(-1)
+    """Share of states [R] where a policy differs from π* [S], each state weighted equally or by `weight` [S].
+
+    Args:
+        policy: actions [R, S] or [R, T, S], or probabilities [R, T, S, A]; the mean over the T steps of a window.
+    """
+    if policy.dim() == 4:
+        wrong = 1 - policy.gather(-1, optimal.view(1, 1, -1, 1).expand(*policy.shape[:3], 1)).squeeze(-1)
+    else:
+        wrong = (policy != optimal).to(FLOAT)
+    share = wrong.mean(-1) if weight is None else (wrong * weight).sum(-1)
+    return share if share.dim() == 1 else share.mean(-1)
 
 
 def rank_correlation(first: Tensor, second: Tensor) -> Tensor:
@@ -35,128 +47,159 @@ def _ranks(values: Tensor) -> Tensor:
     return torch.zeros(values.shape, dtype=FLOAT, device=values.device).scatter_(-1, order, places)
 
 
-def recovery_metrics(recovery: Belief | None, truth: Callable[[Cells], Tensor]) -> dict[str, Tensor]:
-    """How well the reward was recovered, and how far each model is trusted; nothing where nothing is recovered."""
-    if not isinstance(recovery, Recovery):
-        return {}
-    true = truth(recovery.cells)
-    values = {
-        "reward/mse": (recovery.mixed - true).square().mean(-1),
-        "reward/rank_correlation": rank_correlation(recovery.mixed, true.expand_as(recovery.mixed)),
-    }
-    return values | trust_metrics(recovery)
+def trust_metrics(belief: Belief) -> dict[str, Tensor]:
+    """Mean weight of each model, and the share of places where it is locally best; places that count alone."""
+    values, valid = {}, belief.valid
 
+    def mean(of: Tensor) -> Tensor:
+        return of.mean(-1) if valid is None else of.where(valid, 0).sum(-1) / valid.sum(-1)
 
-def trust_metrics(recovery: Belief) -> dict[str, Tensor]:
-    """Mean weight of each model, and the share of places where it is locally best."""
-    values = {}
-    for index, name in enumerate(recovery.models):
-        values[f"weight/{name}"] = recovery.weights[:, index].mean(-1)
-        values[f"best/{name}"] = (recovery.best == index).to(FLOAT).mean(-1)
+    for index, name in enumerate(belief.models):
+        values[f"weight/{name}"] = mean(belief.weights[:, index])
+        values[f"best/{name}"] = mean((belief.best == index).to(FLOAT))
     return values
 
 
-class AverageRewardOracle(Stateful):
-    """Metrics of a continuing tabular problem: regret against g* (21), policy error, reward error.
+class _Exact(Judge):
+    """What both kinds of exact judges do: labels, recovered rewards, trust."""
+
+    higher_is_better: ClassVar = False
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        self._labels, self._windows = problem.zeros(), 0
+
+    def truth(self, cells: Cells) -> Tensor:
+        """The true reward [N] of cells, NaN where they cannot express it."""
+        raise NotImplementedError
+
+    def _count(self, labels: Tensor) -> None:
+        self._labels = self._labels + labels.sum(1)
+        self._windows += labels.shape[1]
+
+    def _label(self) -> Tensor:
+        """The mean label [R] since the last call."""
+        mean = self._labels / max(self._windows, 1)
+        self._labels, self._windows = torch.zeros_like(self._labels), 0
+        return mean
+
+    def _believed(self, belief: Belief | None) -> dict[str, Tensor]:
+        """How well the reward was recovered, where it is a table, and how far each model is trusted."""
+        if belief is None:
+            return {}
+        values = {}
+        if belief.cells is not None:
+            true = self.truth(belief.cells)
+            values["reward/mse"] = (belief.mixed - true).square().mean(-1)
+            values["reward/rank_correlation"] = rank_correlation(belief.mixed, true.expand_as(belief.mixed))
+        return values | trust_metrics(belief)
+
+
+class AverageReward(_Exact):
+    """Metrics of a continuing problem: regret against g* (21), policy error, reward error.
 
     Args:
-        problem: sizes. gain: g*. policy: π* [S]. occupancy: its stationary distribution [S]. reward: r [S, A].
+        problem: sizes. truth: g*, π*, its occupancy, r.
     """
 
+    metric: ClassVar = "regret/cumulative"
     keeps: ClassVar = ("_regret", "_area", "_labels", "_windows")
 
-    def __init__(self, problem: Problem, gain: float, policy: Tensor, occupancy: Tensor, reward: Tensor) -> None:
-        self._gain = gain
-        self._policy, self._occupancy = policy.to(problem.device), occupancy.to(problem.device)
-        self._reward = reward.to(problem.device)
+    def __init__(self, problem: Problem, truth: ContinuingTruth) -> None:
+        super().__init__(problem)
+        self._gain = truth.gain
+        self._policy, self._occupancy = truth.policy.to(problem.device), truth.occupancy.to(problem.device)
+        self._reward = truth.reward.to(problem.device)
         self._regret = problem.zeros()
         self._area = problem.zeros()
-        self._labels = problem.zeros()
-        self._windows = 0
 
     def truth(self, cells: Cells) -> Tensor:
         """r(s, a), where the cells are pairs."""
         return cells.known(self._reward)
 
-    def update(self, primitive: Tensor, labels: Tensor | None, optimizer: Optimizer | None = None) -> None:
-        """Count windows with rewards r [R, K, T] and labels [R, K] (None for a window that was cut short)."""
-        regret = (self._gain - primitive).sum(-1)
+    def update(self, windows: Windows, primitive: Tensor, agent: Agent, complete: bool = True) -> None:
+        """Count windows with rewards r [R, n]; one that was cut short has no label."""
+        regret = (self._gain - windows.grid(primitive)).sum(-1)
         path = self._regret.unsqueeze(1) + regret.cumsum(1)
         self._regret = path[:, -1]
         self._area = self._area + path.sum(1)
-        if labels is not None:
-            self._labels = self._labels + labels.sum(1)
-            self._windows += labels.shape[1]
+        if complete:
+            self._count(windows.labels)
 
-    def metrics(self, policies: dict[str, Tensor], recovery: Belief | None) -> dict[str, Tensor]:
-        """Metric → [R]. `return/label` is the mean label since the last call."""
-        values = {
-            "regret/cumulative": self._regret,
-            "regret/auc": self._area,
-            "return/label": self._labels / max(self._windows, 1),
-        }
-        self._labels, self._windows = torch.zeros_like(self._labels), 0
+    def measure(self, policies: Mapping[str, Policy], belief: Belief | None) -> dict[str, Tensor]:
+        """Metric → [R]. `return/label` is the mean label since the last call; what a policy cannot say is NaN."""
+        values = {"regret/cumulative": self._regret, "regret/auc": self._area, "return/label": self._label()}
         if "behaviour" in policies:
-            values["policy/error"] = policy_error(policies["behaviour"], self._policy)
-            values["policy/error_occupancy"] = policy_error(policies["behaviour"], self._policy, self._occupancy)
+            behaviour = tabulate(policies["behaviour"], self._problem)
+            values["policy/error"] = self._error(behaviour)
+            values["policy/error_occupancy"] = self._error(behaviour, self._occupancy)
         if "greedy" in policies:
-            values["policy/error_greedy"] = policy_error(policies["greedy"], self._policy)
-        return values | recovery_metrics(recovery, self.truth)
+            values["policy/error_greedy"] = self._error(tabulate(policies["greedy"], self._problem))
+        return values | self._believed(belief)
+
+    def _error(self, policy: Tensor | None, weight: Tensor | None = None) -> Tensor:
+        unknown = torch.full_like(self._regret, torch.nan)
+        return unknown if policy is None else policy_error(policy, self._policy, weight)
 
 
-class EpisodicOracle(Stateful):
+class Episodic(_Exact):
     """Metrics of an episodic problem: regret of the executed policies, evaluated exactly under the start distribution.
 
     Args:
-        problem: sizes. best: V*. random: V of uniform actions. truth: cells → the reward [N] that the label shows.
-        evaluate: policies [R, T, S] or [R, T, S, A] → their values [R], for the objective that the label shows.
+        problem: sizes. truth: V*, V of uniform actions, and how to evaluate, for the objective that the label shows.
     """
 
+    metric: ClassVar = "regret/share"
     keeps: ClassVar = ("_value", "_regret", "_area", "_labels", "_windows", "_all")
 
-    def __init__(
-        self,
-        problem: Problem,
-        best: float,
-        random: float,
-        truth: Callable[[Cells], Tensor],
-        evaluate: Callable[[Tensor], Tensor],
-    ) -> None:
-        self._best, self._random, self._evaluate = best, random, evaluate
-        self._truth, self._device = truth, problem.device
+    def __init__(self, problem: Problem, truth: EpisodicTruth) -> None:
+        super().__init__(problem)
+        self._truth = truth
         self._value = problem.zeros()
         self._regret = problem.zeros()
         self._area = problem.zeros()
-        self._labels = problem.zeros()
-        self._windows = 0
         self._all = 0
 
     def truth(self, cells: Cells) -> Tensor:
         """r(s, a) or r(s'), by step where the cells are; a label that shows the last reward alone has no other."""
-        return self._truth(cells).to(self._device)
+        return self._truth.table(cells).to(self._problem.device)
 
-    def update(self, primitive: Tensor, labels: Tensor | None, optimizer: Optimizer) -> None:
+    def update(self, windows: Windows, primitive: Tensor, agent: Agent, complete: bool = True) -> None:
         """Count episodes with labels [R, K] under the policy that was executed; one cut short has no regret."""
-        if labels is None:
+        if not complete:
             return
-        self._value = self._evaluate(optimizer.executed()).to(labels.device)
-        count, gap = labels.shape[1], self._best - self._value
+        self._value = self._worth(agent.executed())
+        count, gap = windows.labels.shape[1], self._truth.best - self._value
         self._area = self._area + count * self._regret + gap * (count * (count + 1) / 2)
         self._regret = self._regret + count * gap
-        self._labels = self._labels + labels.sum(1)
-        self._windows += count
+        self._count(windows.labels)
         self._all += count
 
-    def metrics(self, policies: dict[str, Tensor], recovery: Belief | None) -> dict[str, Tensor]:
+    def measure(self, policies: Mapping[str, Policy], belief: Belief | None) -> dict[str, Tensor]:
         """Metric → [R]. `return/label` is the mean label since the last call."""
         values = {
             "regret/cumulative": self._regret,
-            "regret/share": self._regret / (max(self._all, 1) * (self._best - self._random)),
+            "regret/share": self._regret / (max(self._all, 1) * (self._truth.best - self._truth.random)),
             "regret/auc": self._area,
             "return/policy": self._value,
-            "return/label": self._labels / max(self._windows, 1),
+            "return/label": self._label(),
         }
-        self._labels, self._windows = torch.zeros_like(self._labels), 0
         if "greedy" in policies:
-            values["return/greedy"] = self._evaluate(policies["greedy"]).to(self._value.device)
-        return values | recovery_metrics(recovery, self.truth)
+            values["return/greedy"] = self._worth(policies["greedy"])
+        return values | self._believed(belief)
+
+    def _worth(self, policy: Policy) -> Tensor:
+        """V [R] of a policy.
+
+        Raises:
+            UserError: it does not say its probabilities.
+        """
+        table = tabulate(policy, self._problem)
+        if table is None:
+            raise UserError(
+                f"{type(policy).__name__} does not say the probabilities of its actions, which exact regret needs; "
+                "give it `probabilities`, or judge by rollouts"
+            )
+        if table.dim() == 2:  # the same in every step
+            table = table.unsqueeze(1).expand(-1, self._problem.window, -1)
+        return self._truth.evaluate(table).to(self._value.device)

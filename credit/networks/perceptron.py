@@ -9,14 +9,14 @@ import torch
 from torch import Tensor, nn
 from torchrl.modules import MLP
 
+from credit.core.problem import Problem
 from credit.core.streams import generators
-from credit.core.types import Problem
 
 PRECISION = torch.float32
 
 
 class ReplicaLinear(nn.Module):
-    """R linear layers side by side, [R, B, in] → [R, B, out], each exactly as it would be alone.
+    """R linear layers side by side, [R, B, in] → [R, B, out].
 
     Args:
         inputs: numbers that go in. outputs: numbers that come out. bias: there always is one.
@@ -33,10 +33,7 @@ class ReplicaLinear(nn.Module):
 
     def forward(self, values: Tensor) -> Tensor:
         """x W + b for every replica."""
-        if len(values) > 1:
-            return torch.baddbmm(self.bias, values, self.weight)
-        # as in `matvec`: a batch of one takes another path through the BLAS, with other rounding
-        return torch.baddbmm(*(part.expand(2, -1, -1) for part in (self.bias, values, self.weight)))[:1]
+        return torch.baddbmm(self.bias, values, self.weight)
 
 
 class ReplicaMLP(MLP):

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from credit.core.state import Stateful
 
-LANE = 16  # every block starts on a multiple: whole vectors, so that a number is rounded alike wherever it stands
+LANE = 16  # every block starts on a multiple: aligned for vectors and GPUs, and so it stands in checkpoints
 EPSILON = 1e-5  # of the layer norm
 
 _mask = torch.ops.aten.threshold_backward.grad_input
@@ -166,7 +166,7 @@ class Stack(Stateful):
             layer, x = self.layers[place], tape.hidden[place - 1] if place else tape.input
             if gradients is not None:
                 into = gradients.layers[place]
-                _product(delta.mT, x, into.weight)
+                torch.bmm(delta.mT, x, out=into.weight)
                 torch.sum(delta, 1, keepdim=True, out=into.bias)
             if not place:
                 break
@@ -198,14 +198,6 @@ def _views(flat: Tensor, blocks: Sequence[tuple[int, ...]]) -> Iterator[Tensor]:
         size = math.prod(block)
         yield flat[start : start + size].view(block)
         start += padded(size)
-
-
-def _product(left: Tensor, right: Tensor, out: Tensor) -> None:
-    """Batched product; one row of one member is doubled, as in `matvec`, since alone it is rounded otherwise."""
-    if left.shape[:2] == (1, 1):
-        out.copy_(torch.bmm(left.expand(2, -1, -1), right.expand(2, -1, -1))[:1])
-    else:
-        torch.bmm(left, right, out=out)
 
 
 def padded(size: int) -> int:

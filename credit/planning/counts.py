@@ -9,9 +9,11 @@ import torch
 from torch import Tensor
 
 from credit.core.errors import UserError
-from credit.core.tables import TransitionModel, TransitionTable
+from credit.core.problem import FLOAT, Problem
+from credit.core.ranges import NonNegative
+from credit.core.seams import Transition, TransitionTable
+from credit.core.store import Windows
 from credit.core.tensors import grown
-from credit.core.types import FLOAT, NonNegative, Problem, Windows
 
 LARGEST = 1_000_000  # entries of P̂
 
@@ -28,7 +30,8 @@ class Counts(TransitionTable):
         pseudo_counts: κ, their number for each (s, a).
     """
 
-    domain: ClassVar = "tabular"
+    observations: ClassVar = "finite"
+    actions: ClassVar = "finite"
     keeps: ClassVar = ("_counts",)
 
     def __init__(
@@ -57,13 +60,14 @@ class Counts(TransitionTable):
         return self._counts / totals.where(totals > 0, torch.ones_like(totals))
 
 
-class ObservedCounts(TransitionModel):
+class ObservedCounts(Transition):
     """P̂(s'|s, a) = N(s, a, s')/max(1, N(s, a)) to the letter of appendix C, for problems too large to write P̂ out.
 
     What is stored are the different observed transitions; a backup costs O(their number), whatever S is.
     """
 
-    domain: ClassVar = "tabular"
+    observations: ClassVar = "finite"
+    actions: ClassVar = "finite"
 
     def start(self, problem: Problem) -> None:
         """No transition was seen."""
@@ -77,7 +81,7 @@ class ObservedCounts(TransitionModel):
 
     def observe(self, windows: Windows) -> None:
         """Count every step of new windows."""
-        pairs, arrivals = windows.pairs(self._problem.actions).flatten(1), windows.next_states.flatten(1)
+        pairs, arrivals = windows.pairs(self._problem.actions), windows.next_states
         triples = (pairs * self._problem.states + arrivals).tolist()
         held = zip(self._columns, triples, strict=True)
         places = [[columns.setdefault(triple, len(columns)) for triple in of_replica] for columns, of_replica in held]
@@ -148,5 +152,5 @@ def require_small(problem: Problem) -> None:
 
 def count(counts: Tensor, windows: Windows, problem: Problem) -> None:
     """Add the steps of windows to counts [R, S, A, S], in place."""
-    triples = (windows.pairs(problem.actions) * problem.states + windows.next_states).flatten(1)
+    triples = windows.pairs(problem.actions) * problem.states + windows.next_states
     counts.flatten(1).scatter_add_(1, triples, torch.ones_like(triples, dtype=FLOAT))

@@ -6,34 +6,40 @@ from typing import ClassVar
 
 from torch import Tensor
 
-from credit.core.interfaces import Environment
-from credit.core.tables import TransitionModel
-from credit.core.types import Problem, Windows
-from credit.envs.exact.episodic import EpisodicEnvironment
+from credit.core.errors import UserError
+from credit.core.knowledge import KnownTransitions
+from credit.core.problem import Problem
+from credit.core.seams import Transition
+from credit.core.store import Windows
 
 
-class Exact(TransitionModel):
-    """P itself, told by the environment: an oracle for planners.
+class Exact(Transition):
+    """P itself, as the environment knows it: an oracle for planners."""
 
-    Args:
-        env: the environment.
-    """
-
-    domain: ClassVar = "tabular"
+    observations: ClassVar = "finite"
+    actions: ClassVar = "finite"
     setting: ClassVar = "episodic"
-    needs: ClassVar = {"env": EpisodicEnvironment}
+    knows: ClassVar = KnownTransitions
     keeps: ClassVar = ()
+    _known: KnownTransitions | None = None
 
-    def __init__(self, env: Environment) -> None:
-        self.env = env
+    def learn(self, knowledge: KnownTransitions) -> None:
+        """Take P."""
+        self._known = knowledge
 
     def start(self, problem: Problem) -> None:
-        """Nothing to learn."""
+        """Nothing to estimate.
+
+        Raises:
+            UserError: nobody told it P.
+        """
+        if self._known is None:
+            raise UserError("transition=exact knows nothing yet: call learn(env.knowledge()) before start")
 
     def observe(self, windows: Windows) -> None:
-        """Nothing to learn."""
+        """Nothing to estimate."""
 
     def backup(self, values: Tensor) -> Tensor:
         """Σ P(s'|s, a) v(s') [R, S, A]."""
-        assert isinstance(self.env, EpisodicEnvironment)
-        return self.env.mdp.backup(values).to(values.device)
+        assert self._known is not None
+        return self._known.backup(values).to(values.device)

@@ -1,4 +1,4 @@
-"""Dynamic programming on batches of tabular MDPs: exact, warm-started, the same result alone or in a batch."""
+"""Dynamic programming on batches of tabular MDPs: exact, warm-started."""
 
 from __future__ import annotations
 

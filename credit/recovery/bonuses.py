@@ -7,12 +7,14 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
+from credit.core.belief import Belief
 from credit.core.errors import UserError
-from credit.core.interfaces import Bonus, RewardModel, SomeProblem
+from credit.core.problem import Problem
+from credit.core.ranges import NonNegative, Positive
+from credit.core.seams import Bonus, RewardModel
 from credit.core.streams import Stream
-from credit.core.tables import RidgeModel
-from credit.core.types import Belief, NonNegative, Positive, Problem, Recovery
 from credit.recovery.models.linear import LinearModel
+from credit.recovery.models.ridge import RidgeModel
 
 
 def shrink(visits: Tensor, lambda_visits: float) -> Tensor:
@@ -42,23 +44,23 @@ class _Scaled(Bonus):
         self.scale = scale
         self.lambda_visits = lambda_visits
 
-    def start(self, problem: SomeProblem) -> None:
+    def start(self, problem: Problem) -> None:
         """Refuse to decay with visits where there are none.
 
         Raises:
-            UserError: the problem is continuous, and λ is a number.
+            UserError: there are no visits to count, and λ is a number.
         """
-        if not isinstance(problem, Problem) and self.scale and self.lambda_visits is not None:
+        if not problem.tabular and self.scale and self.lambda_visits is not None:
             raise UserError(
                 f"bonus: {type(self).__name__} with scale={self.scale} decays with visits, and where states are real "
                 "numbers there are none to count; set its scale to 0, or lambda_visits=null if it has meaning without"
             )
 
-    def decay(self, recovery: Belief) -> Tensor | float:
+    def decay(self, belief: Belief) -> Tensor | float:
         """1/√(λ + N), or 1."""
-        if self.lambda_visits is None or not isinstance(recovery, Recovery):
+        if self.lambda_visits is None or belief.visits is None:
             return 1.0
-        return shrink(recovery.visits, self.lambda_visits)
+        return shrink(belief.visits, self.lambda_visits)
 
 
 class Count(_Scaled):
@@ -72,9 +74,9 @@ class Count(_Scaled):
     def __init__(self, scale: NonNegative = 0.35, lambda_visits: Positive = 1.0) -> None:
         super().__init__(scale, lambda_visits)
 
-    def __call__(self, recovery: Belief, reference: RewardModel) -> Tensor:
+    def __call__(self, belief: Belief, reference: RewardModel) -> Tensor:
         """c/√(λ + N)."""
-        return torch.ones_like(recovery.mixed) * (self.scale * self.decay(recovery))
+        return torch.ones_like(belief.mixed) * (self.scale * self.decay(belief))
 
 
 class LocalMSE(_Scaled):
@@ -85,9 +87,9 @@ class LocalMSE(_Scaled):
         lambda_visits: λ added to the visits; null leaves the decay out, which makes it (33).
     """
 
-    def __call__(self, recovery: Belief, reference: RewardModel) -> Tensor:
+    def __call__(self, belief: Belief, reference: RewardModel) -> Tensor:
         """Equation (17), last term, or (33)."""
-        return self.scale * best_error(recovery.mse, recovery.best) * self.decay(recovery)
+        return self.scale * best_error(belief.mse, belief.best) * self.decay(belief)
 
 
 class Disagreement(_Scaled):
@@ -98,10 +100,10 @@ class Disagreement(_Scaled):
         lambda_visits: λ added to the visits; null leaves the decay out, which makes it (34).
     """
 
-    def __call__(self, recovery: Belief, reference: RewardModel) -> Tensor:
+    def __call__(self, belief: Belief, reference: RewardModel) -> Tensor:
         """Equation (19), last term, or (34)."""
-        signal = disagreement_signal(recovery.mse, recovery.disagreement, recovery.best)
-        return self.scale * signal * self.decay(recovery)
+        signal = disagreement_signal(belief.mse, belief.disagreement, belief.best)
+        return self.scale * signal * self.decay(belief)
 
 
 class Elliptical(Bonus):
@@ -118,7 +120,7 @@ class Elliptical(Bonus):
         self.scale = scale
         self.noise = noise
 
-    def __call__(self, recovery: Belief, reference: RewardModel) -> Tensor:
+    def __call__(self, belief: Belief, reference: RewardModel) -> Tensor:
         """c·σ·√(φᵀV⁻¹φ)."""
         assert isinstance(reference, RidgeModel)
         return self.scale * self.noise * reference.leverage().sqrt()
@@ -141,7 +143,7 @@ class Thompson(Bonus):
         self._problem = problem
         self._stream: Stream | None = None
 
-    def __call__(self, recovery: Belief, reference: RewardModel) -> Tensor:
+    def __call__(self, belief: Belief, reference: RewardModel) -> Tensor:
         """v·Φ V^{-1/2} z."""
         assert isinstance(reference, LinearModel)
         if self._stream is None:

@@ -9,8 +9,8 @@ import torch
 from scipy.optimize import nnls
 from torch import Tensor
 
-from credit.core.interfaces import Mixer
-from credit.core.types import Positive
+from credit.core.ranges import Positive
+from credit.core.seams import Mixer
 from credit.recovery.uncertainty.bootstrap import Bootstrap
 
 

@@ -1,4 +1,4 @@
-"""Reference + surrogates → MSE proxies → mixture → bonus: the paper on one page."""
+"""Reference + surrogates → MSE proxies → mixture → optimism: the paper on one page."""
 
 from __future__ import annotations
 
@@ -10,105 +10,162 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from credit.core.dataset import Dataset
+from credit.core.belief import Belief, Estimate
+from credit.core.cells import Cells
 from credit.core.errors import UserError
-from credit.core.interfaces import Bonus, Mixer, RewardModel
-from credit.core.tables import CellModel, CellUncertainty, RewardFunction
-from credit.core.types import Problem, Recovery, Windows
-from credit.recovery.alike import Alike, spread
+from credit.core.problem import FLOAT, Problem
+from credit.core.seams import Bonus, CreditAssigner, Mixer, RewardModel, Scaler
+from credit.core.steps import Steps
+from credit.core.store import Store, Windows
 from credit.recovery.mixers import best_model, mix
+from credit.recovery.places import Rows, Table
+from credit.recovery.proxies import gap, mse_proxies
+from credit.recovery.tables import Alike, spread_out
 
 
-class RewardRecovery(RewardFunction):
-    """Learn a pseudo-reward for every cell from labels (sections 3.2–4.3, algorithm B.1 lines 3–16).
+class Recovery(CreditAssigner):
+    """Learn a pseudo-reward for every place from labels (sections 3.2–4.4, algorithms B.1 lines 3–16, B.2 lines 4–12).
+
+    Places are the cells of a table where states and actions are numbers, else the steps that were taken.
 
     Args:
         reference: the flexible model.
         surrogates: name → structured model; may be empty.
-        uncertainty: how draws and variances are made.
         mixer: MSE proxies → weights.
         bonus: name → what optimism adds; their sum is the bonus.
+        scaler: how the mixed reward is scaled for the agent; optimism is added after it, in its unit.
+
+    Example:
+        >>> recovery = Recovery(LinearModel("ridge", Identity(), Bootstrap()), {}, RelativeMSE(), {})
+        >>> recovery.start(problem); store.append(windows); recovery.observe(store)
+        >>> recovery.belief().mixed
     """
 
-    domain: ClassVar = "tabular"
-    keeps: ClassVar = ("models", "uncertainty", "mixer", "bonus", "_visits")
+    keeps: ClassVar = ("models", "_uncertainties", "mixer", "bonus", "_places")
 
     def __init__(
         self,
-        reference: CellModel,
-        surrogates: Mapping[str, CellModel],
-        uncertainty: CellUncertainty,
+        reference: RewardModel,
+        surrogates: Mapping[str, RewardModel],
         mixer: Mixer,
         bonus: Mapping[str, Bonus],
+        scaler: Scaler | None = None,
     ) -> None:
         self.models = [reference, *surrogates.values()]
-        self.uncertainty = uncertainty
         self.mixer = mixer
         self.bonus = dict(bonus)
+        self.scaler = scaler
         self.names = names_of(self.models)
+        owned = [model.uncertainty for model in self.models if model.uncertainty is not None]
+        self._uncertainties = list({id(one): one for one in owned}.values())  # one may serve several models
 
     def start(self, problem: Problem) -> None:
-        """Empty models, no visits."""
-        problem = replace(problem, axes=tuple({axis for model in self.models for axis in model.looks_at}))
-        if "step" in problem.axes and not problem.episodic:
+        """Empty models, no visits.
+
+        Raises:
+            UserError: a model looks at the step of windows that follow each other.
+        """
+        self._places = Table(problem, self._cells(problem)) if problem.tabular else Rows(problem)
+        self._kind = FLOAT if problem.tabular else torch.float32  # single steps are many
+        for bonus in self.bonus.values():
+            bonus.start(problem)
+        for model in self.models:
+            model.start(problem, self._places)
+        self._alike: Alike | None = None
+        if isinstance(self._places, Table):
+            every = torch.arange(self._places.cells.count, device=problem.device)
+            looks = [model.looks() for model in self.models]
+            self._alike = Alike([every if own is None else own for own in looks])
+        self._belief = self._believe(Store(problem)) if problem.tabular else None
+        self._rewards = None if self._belief is None else self._belief.plan
+
+    def _cells(self, problem: Problem) -> Cells:
+        axes = {axis for model in self.models for axis in model.looks_at}
+        if "step" in axes and not problem.episodic:
             raise UserError(
                 "a reward model looks at the step in the window, and windows follow each other here: the step means "
                 "nothing; use models that look at states and actions alone, or an environment with episodes"
             )
-        self._cells = problem.cells
-        self.uncertainty.start(problem)
+        return Cells.over(axes, problem.window, problem.states, problem.actions)
+
+    @property
+    def learns(self) -> bool:
+        """Every label may change the reward of every step."""
+        return True
+
+    def observe(self, store: Store) -> None:
+        """Fit every model to the newest labels, and recover the reward of every place anew."""
+        self._places.extend(store)
         for model in self.models:
-            model.start(problem, self.uncertainty.draws)
-        for bonus in self.bonus.values():
-            bonus.start(problem)
-        self._visits = problem.zeros(problem.cells.count)
-        self._alike = Alike([model.looks(problem) for model in self.models])
-        self._recovery = self._recover(Dataset(problem, 0))
+            model.observe(store)
+        self._belief = self._believe(store)
+        self._rewards = self._belief.plan if self.scaler is None else self._scaled(self._belief, self.scaler)
 
-    def observe(self, dataset: Dataset) -> None:
-        """Count visits, refit every model with the newest windows, and recover the reward anew."""
-        cells = self._cells.index(dataset.new).flatten(1)
-        self._visits.scatter_add_(1, cells, torch.ones_like(cells, dtype=self._visits.dtype))
-        self.uncertainty.observe(self.models, dataset)
-        self._recovery = self._recover(dataset)
-
-    def recovery(self) -> Recovery:
+    def belief(self) -> Belief | None:
         """What is believed since the last windows."""
-        return self._recovery
+        return self._belief
+
+    def believe(self, steps: Steps) -> Belief:
+        """What is believed of other steps [n], [R, n]: a grid to look at."""
+        return self._mixed([model.believe(steps) for model in self.models], None, None, None)
 
     def rewards(self, windows: Windows) -> Tensor:
-        """r_plan of every step [R, K, T]."""
-        cells = self._cells.index(windows)
-        return self._recovery.plan.gather(1, cells.flatten(1)).view(cells.shape)
+        """r_plan of every row [R, n] of the newest windows, or of all: the scaled mixed reward, and optimism."""
+        assert self._rewards is not None
+        return self._rewards.gather(1, self._places.index(windows))
 
-    def _recover(self, dataset: Dataset) -> Recovery:
+    def table(self) -> tuple[Cells, Tensor, Tensor] | None:
+        """Cells, r_plan and the mixed reward [R, N], where there is a table."""
+        if self._belief is None or self._belief.cells is None:
+            return None
+        return self._belief.cells, self._belief.plan, self._belief.mixed
+
+    def _believe(self, store: Store) -> Belief:
+        """What is believed of all places."""
         cells, column = None, None
-        if self._alike.saves and self.uncertainty.draws:
-            cells, column = self._alike.choose(self._visits)
-        reference, *surrogates = [model.estimate(cells) for model in self.models]
-        visits = self._visits if cells is None else self._visits.gather(1, cells)
-        gaps = [self.uncertainty.disagreement(reference, surrogate) for surrogate in surrogates]
-        excess = [self.uncertainty.prior(visits), *gaps]
-        proxies = [
-            self.uncertainty.variance(model, estimate) + more
-            for model, estimate, more in zip(self.models, [reference, *surrogates], excess, strict=True)
-        ]
-        mse = torch.stack(proxies, dim=1)
+        visits = self._places.visits
+        if self._alike is not None and visits is not None and self._alike.saves and self._draws:
+            cells, column = self._alike.choose(visits)
+        estimates = [model.estimate(cells) for model in self.models]
         errors = None
         if self.mixer.sees_label_errors:
-            steps = self._cells.index(dataset.windows)
-            columns = steps if column is None else column.gather(1, steps.flatten(1)).view(steps.shape)
-            errors = self.uncertainty.label_errors([reference, *surrogates], dataset, columns)
+            index = self._places.index(store.windows) if len(store) else None
+            if index is not None and column is not None:
+                index = column.gather(1, index)
+            errors = self._label_errors(estimates, store, index)
+        return self._mixed(estimates, cells, column, errors)
+
+    @property
+    def _draws(self) -> int:
+        return max((getattr(one, "draws", 0) for one in self._uncertainties), default=0)
+
+    def _label_errors(self, estimates: list[Estimate], store: Store, index: Tensor | None) -> Tensor:
+        """Products [R, M, M] of the errors with which models predict labels that they were not fitted to, summed."""
+        return self.models[0].uncertainty.label_errors(estimates, store, index)  # type: ignore[union-attr]
+
+    def _mixed(
+        self, estimates: list[Estimate], cells: Tensor | None, column: Tensor | None, errors: Tensor | None
+    ) -> Belief:
+        """Proxies, weights, the mixture and the bonuses (9)–(19) of what the models predict."""
+        reference, *surrogates = estimates = [_as(estimate, self._kind) for estimate in estimates]
+        visits = self._places.visits
+        some = visits if visits is None or cells is None else visits.gather(1, cells)
+        gaps = [gap(reference, surrogate) for surrogate in surrogates]
+        variances = [reference.variance, *(surrogate.variance for surrogate in surrogates)]
+        if some is not None:
+            variances[0] = variances[0] + self.models[0].prior(some)
+        variance = torch.stack(variances, dim=1)
+        disagreement = torch.stack(gaps, dim=1) if gaps else variance[:, :0]
+        mse = mse_proxies(variance, disagreement)
         weights = self.mixer.weights(mse, errors)
-        mean = torch.stack([reference.mean, *(surrogate.mean for surrogate in surrogates)], dim=1)
-        disagreement = torch.stack(gaps, dim=1) if gaps else mse[:, :0]
+        mean = torch.stack([estimate.mean for estimate in estimates], dim=1)
         if column is not None:
-            mean, mse, disagreement, weights = (spread(part, column) for part in (mean, mse, disagreement, weights))
+            mean, mse, disagreement, weights = (spread_out(part, column) for part in (mean, mse, disagreement, weights))
         mixed = mix(weights, mean)
-        recovery = Recovery(
+        belief = Belief(
             models=self.names,
             mean=mean,
-            draws=(reference.draws, *(surrogate.draws for surrogate in surrogates)),
+            draws=tuple(estimate.draws for estimate in estimates),
             mse=mse,
             disagreement=disagreement,
             weights=weights,
@@ -116,12 +173,36 @@ class RewardRecovery(RewardFunction):
             mixed=mixed,
             bonus={},
             plan=mixed,
-            visits=self._visits.clone(),
-            cells=self._cells,
+            visits=None if visits is None else visits.clone(),
+            cells=self._places.cells,
             column=column,
+            valid=self._valid(mixed),
         )
-        bonus = {name: term(recovery, self.models[0]) for name, term in self.bonus.items()}
-        return replace(recovery, bonus=bonus, plan=reduce(torch.add, bonus.values(), mixed))
+        bonus = {name: term(belief, self.models[0]) for name, term in self.bonus.items()}
+        return replace(belief, bonus=bonus, plan=reduce(torch.add, bonus.values(), mixed))
+
+    def _scaled(self, belief: Belief, scaler: Scaler) -> Tensor:
+        """The mixed reward as the scaler has it, and on top of it optimism in its unit, never clipped [R, N]."""
+        rewards = torch.zeros_like(belief.mixed)
+        for replica, mixed in enumerate(belief.mixed):
+            own = slice(None) if belief.valid is None else belief.valid[replica]
+            scaled, unit = scaler(mixed[own])
+            optimism = [bonus[replica, own] / unit for bonus in belief.bonus.values()]
+            rewards[replica, own] = reduce(torch.add, optimism, scaled)
+        return rewards
+
+    def _valid(self, mixed: Tensor) -> Tensor | None:
+        counts = self._places.counts
+        if counts is None or len(set(counts)) == 1 or mixed.shape[1] != max(counts):
+            return None
+        return torch.arange(mixed.shape[1], device=mixed.device) < torch.tensor(counts, device=mixed.device).unsqueeze(
+            1
+        )
+
+
+def _as(estimate: Estimate, kind: torch.dtype) -> Estimate:
+    draws = None if estimate.draws is None else estimate.draws.to(kind)
+    return Estimate(estimate.mean.to(kind), estimate.variance.to(kind), draws)
 
 
 def names_of(models: Sequence[RewardModel]) -> tuple[str, ...]:

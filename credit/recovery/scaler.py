@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from credit.core.continuous import Scaler
-from credit.core.types import Positive, Probability
+from credit.core.ranges import Positive, Probability
+from credit.core.seams import Scaler
 
 TINY = 1e-6  # a deviation that is smaller, as a part of the largest reward, is rounding
 
@@ -25,12 +25,13 @@ class Standard(Scaler):
     def __init__(self, clip: Positive = 1.0, quantile: Probability | None = 0.99) -> None:
         self.clip, self.quantile = clip, quantile
 
-    def __call__(self, rewards: Tensor) -> Tensor:
-        """The scaled rewards [N] of one replica; constant rewards are not divided."""
+    def __call__(self, rewards: Tensor) -> tuple[Tensor, Tensor]:
+        """The scaled rewards [n] of one replica, and the deviation [] by which they were divided; a constant is not."""
         if not len(rewards):
-            return rewards
+            return rewards, rewards.new_ones(())
         deviation = rewards.std(correction=0)
-        scaled = rewards / torch.where(deviation > TINY * rewards.abs().max(), deviation, 1.0)
+        unit = torch.where(deviation > TINY * rewards.abs().max(), deviation, 1.0)
+        scaled = rewards / unit
         median = scaled.quantile(0.5)
         scaled = scaled.clamp(median - self.clip, median + self.clip)
-        return scaled if self.quantile is None else (scaled - scaled.quantile(self.quantile)).clamp_(max=0)
+        return (scaled if self.quantile is None else (scaled - scaled.quantile(self.quantile)).clamp_(max=0)), unit

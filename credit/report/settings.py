@@ -13,6 +13,8 @@ from typing import Any
 
 import yaml
 
+from credit.renamed import translated
+
 # tuned.window and tuned.noise reach nothing but the feedback
 _MAKES_SETTING = re.compile(r"[+~]*(feedback[.=@]|tuned\.(window|noise)=)")
 # a comma stands before another override only where a key follows: lists have commas too
@@ -37,7 +39,7 @@ def read_feedback(folder: Path) -> str:
         ValueError: it has no feedback.
     """
     try:
-        feedback = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))["feedback"]
+        feedback = translated(yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))["feedback"])
         return json.dumps({"_target_": feedback["_target_"], **feedback}, sort_keys=True)
     except (yaml.YAMLError, KeyError, TypeError) as error:
         raise ValueError(f"no feedback in config.yaml: {type(error).__name__}: {error}") from error

@@ -4,30 +4,30 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from credit.core.interfaces import CreditAssigner, SomeDataset, SomeProblem, SomeWindows
+from credit.core.problem import Problem
+from credit.core.seams import CreditAssigner
+from credit.core.store import Store, Windows
 
 
 class _Rule(CreditAssigner):
-    def start(self, problem: SomeProblem) -> None:
+    def start(self, problem: Problem) -> None:
         """A rule has no state."""
 
-    def observe(self, dataset: SomeDataset) -> None:
+    def observe(self, store: Store) -> None:
         """A rule does not learn."""
 
 
 class Delayed(_Rule):
     """The whole label on the last step, zero before it (29)."""
 
-    def rewards(self, windows: SomeWindows) -> Tensor:
+    def rewards(self, windows: Windows) -> Tensor:
         """(0, …, 0, Y) for every window."""
-        rewards: Tensor = windows.to_steps(windows.labels) * windows.final
-        return rewards
+        return windows.to_steps(windows.labels) * windows.final
 
 
 class Uniform(_Rule):
     """The label in equal parts, Y/T on every step (the redistribution of IRCR)."""
 
-    def rewards(self, windows: SomeWindows) -> Tensor:
+    def rewards(self, windows: Windows) -> Tensor:
         """(Y/T, …, Y/T) for every window."""
-        rewards: Tensor = windows.to_steps(windows.labels / windows.lengths)
-        return rewards
+        return windows.to_steps(windows.labels / windows.lengths)

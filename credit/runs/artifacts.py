@@ -11,11 +11,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from credit.core.continuous import Moves, StepBelief, Trajectories
-from credit.core.dataset import Dataset
+from credit.core.belief import Belief
+from credit.core.policy import tabulate
 from credit.core.state import Stateful, pack, unpack
-from credit.core.types import Recovery
-from credit.recovery.step_recovery import StepRecovery
+from credit.core.steps import Steps
+from credit.core.store import Windows
+from credit.recovery.recovery import Recovery
 from credit.trainer import Trainer
 
 Arrays = dict[str, np.ndarray]
@@ -30,22 +31,18 @@ class Recorder(Stateful):
 
     def __init__(self, trainer: Trainer) -> None:
         self._trainer = trainer
-        self._grid: Moves | None = trainer.env.grid()
-        self._rounds: list[tuple[int, StepBelief]] = []
+        self._grid: Steps | None = trainer.env.grid()
+        self._rounds: list[tuple[int, Belief]] = []
 
     def note(self, step: int) -> None:
         """Keep what is believed now of a grid, if there is one to look at."""
-        grid, assigner, problem = self._grid, self._trainer.assigner, self._trainer.problem
-        if grid is None or not isinstance(assigner, StepRecovery):
-            return
-        count = problem.replicas
-        states, actions, arrivals = (part.repeat(count, 1) for part in (grid.states, grid.actions, grid.next_states))
-        whose = torch.arange(count, device=problem.device).repeat_interleave(len(grid))
-        self._rounds.append((step // problem.window, assigner.believe(Moves(states, actions, arrivals, whose))))
+        grid, assigner = self._grid, self._trainer.assigner
+        if grid is not None and isinstance(assigner, Recovery):
+            self._rounds.append((step // self._trainer.problem.window, assigner.believe(grid)))
 
     def state_dict(self) -> dict[str, Any]:
         """What was believed after each round so far."""
-        names = [field.name for field in fields(StepBelief)]
+        names = [field.name for field in fields(Belief)]
         return {
             "rounds": [
                 [step, {name: pack(getattr(belief, name), name) for name in names}] for step, belief in self._rounds
@@ -55,32 +52,35 @@ class Recorder(Stateful):
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Have noted these rounds and no others."""
         self._rounds = [
-            (step, StepBelief(**{name: unpack(packed, None, name) for name, packed in belief.items()}))
+            (step, Belief(**{name: unpack(packed, None, name) for name, packed in belief.items()}))
             for step, belief in state["rounds"]
         ]
 
     def files(self, replica: int) -> dict[str, Arrays]:
         """File name → arrays of one replica."""
         trainer, found = self._trainer, dict[str, Arrays]()
-        recovery = trainer.recovery()
-        if isinstance(recovery, Recovery):
-            policy = trainer.optimizer.policies()["behaviour"]
-            truth, summary = trainer.oracle.truth(recovery.cells), trainer.env.summary(recovery.cells)
-            found["recovery.npz"] = recovery_arrays(replica, trainer.dataset, recovery, truth, policy, summary)
+        belief = trainer.belief()
+        if belief is not None and belief.cells is not None:
+            policy = tabulate(trainer.optimizer.policies()["behaviour"], trainer.problem)
+            truth, summary = trainer.judge.truth(belief.cells), trainer.env.summary(belief.cells)
+            assert policy is not None
+            assert truth is not None
+            found["recovery.npz"] = recovery_arrays(replica, trainer.store.windows, belief, truth, policy, summary)
         if self._grid is not None and self._rounds:
             found["recovery.npz"] = grid_arrays(replica, self._grid, self._rounds)
-        if isinstance(trainer.dataset.windows, Trajectories):
-            found["trajectories.npz"] = trainer.env.picture(replica) | online_arrays(replica, trainer)
+        if not trainer.problem.tabular:
+            seen = trainer.env.picture(replica) | trainer.judge.picture(replica)
+            found["trajectories.npz"] = seen | online_arrays(replica, trainer)
         return found
 
 
-def grid_arrays(replica: int, grid: Moves, rounds: list[tuple[int, StepBelief]]) -> Arrays:
+def grid_arrays(replica: int, grid: Steps, rounds: list[tuple[int, Belief]]) -> Arrays:
     """What was believed of a grid of N moves after each of Q refits: [Q, N] unless said.
 
     `models` (names, the reference first); `rounds` [Q], trajectories collected before; `grid/states` [N, O],
     `grid/actions` [N, A]; and the same names as in tabular files.
     """
-    beliefs = [belief.of(replica) for _, belief in rounds]
+    beliefs = [belief for _, belief in rounds]
     last = beliefs[-1]
 
     def table(values: list[Tensor]) -> np.ndarray:
@@ -91,33 +91,33 @@ def grid_arrays(replica: int, grid: Moves, rounds: list[tuple[int, StepBelief]])
         "rounds": np.array([count for count, _ in rounds]),
         "grid/states": grid.states.cpu().numpy(),
         "grid/actions": grid.actions.cpu().numpy(),
-        "reward/mixed": table([belief.mixed[0] for belief in beliefs]),
-        "reward/plan": table([belief.plan[0] for belief in beliefs]),
-        "best": table([belief.best[0] for belief in beliefs]),
+        "reward/mixed": table([belief.mixed[replica] for belief in beliefs]),
+        "reward/plan": table([belief.plan[replica] for belief in beliefs]),
+        "best": table([belief.best[replica] for belief in beliefs]),
     }
     for index, name in enumerate(last.models):
-        arrays[f"reward/{name}"] = table([belief.mean[0, index] for belief in beliefs])
-        arrays[f"mse/{name}"] = table([belief.mse[0, index] for belief in beliefs])
-        arrays[f"weight/{name}"] = table([belief.weights[0, index] for belief in beliefs])
+        arrays[f"reward/{name}"] = table([belief.mean[replica, index] for belief in beliefs])
+        arrays[f"mse/{name}"] = table([belief.mse[replica, index] for belief in beliefs])
+        arrays[f"weight/{name}"] = table([belief.weights[replica, index] for belief in beliefs])
         if index:
-            arrays[f"disagreement/{name}"] = table([belief.disagreement[0, index - 1] for belief in beliefs])
-    return arrays | {f"bonus/{name}": table([belief.bonus[name][0] for belief in beliefs]) for name in last.bonus}
+            arrays[f"disagreement/{name}"] = table([belief.disagreement[replica, index - 1] for belief in beliefs])
+    return arrays | {f"bonus/{name}": table([belief.bonus[name][replica] for belief in beliefs]) for name in last.bonus}
 
 
 def online_arrays(replica: int, trainer: Trainer) -> Arrays:
     """`online/states` [n, O], trajectory after trajectory, `online/lengths` and `online/labels` [K]."""
-    windows: Trajectories = trainer.dataset.windows
-    count = len(trainer.dataset) - trainer.collected
-    mine = (windows.replica == replica) & (windows.number >= count)
+    windows, skipped = trainer.store.windows, len(trainer.store) - trainer.collected
+    first = int(windows.ends[replica, skipped - 1]) + 1 if skipped else 0
+    last = int(windows.ends[replica, -1]) + 1
     return {
-        "online/states": windows.states[mine].cpu().numpy(),
-        "online/lengths": windows.lengths[replica, count:].long().cpu().numpy(),
-        "online/labels": windows.labels[replica, count:].cpu().numpy(),
+        "online/states": windows.states[replica, first:last].cpu().numpy(),
+        "online/lengths": windows.lengths[replica, skipped:].cpu().numpy(),
+        "online/labels": windows.labels[replica, skipped:].cpu().numpy(),
     }
 
 
 def recovery_arrays(
-    replica: int, dataset: Dataset, recovery: Recovery, truth: Tensor, policy: Tensor, summary: Mapping[str, Tensor]
+    replica: int, windows: Windows, belief: Belief, truth: Tensor, policy: Tensor, summary: Mapping[str, Tensor]
 ) -> Arrays:
     """Arrays of one replica, tables over `cells` (the names of the axes: [S, A] by default) unless said.
 
@@ -126,36 +126,38 @@ def recovery_arrays(
     `disagreement/<surrogate>` (Δ̂²), `weight/<model>`, `best`, `reward/mixed`, `bonus/<name>`, `reward/plan`, `visits`;
     `policy` [S], or [T, S] by step; and `axis/<name>`, two small axes over which a large table can be shown.
     """
-    shape = recovery.cells.sizes
+    assert belief.cells is not None
+    assert belief.visits is not None
+    shape = belief.cells.sizes
 
     def table(values: Tensor) -> np.ndarray:
         return values.cpu().numpy().reshape(*values.shape[:-1], *shape)
 
-    windows = dataset.windows
     arrays = {
-        "windows/states": windows.states[replica].cpu().numpy().astype(np.int32),
-        "windows/actions": windows.actions[replica].cpu().numpy().astype(np.int32),
-        "windows/next_states": windows.next_states[replica].cpu().numpy().astype(np.int32),
+        "windows/states": windows.grid(windows.states)[replica].cpu().numpy().astype(np.int32),
+        "windows/actions": windows.grid(windows.actions)[replica].cpu().numpy().astype(np.int32),
+        "windows/next_states": windows.grid(windows.next_states)[replica].cpu().numpy().astype(np.int32),
         "windows/labels": windows.labels[replica].cpu().numpy(),
-        "models": np.array(recovery.models),
-        "cells": np.array(recovery.cells.axes),
+        "models": np.array(belief.models),
+        "cells": np.array(belief.cells.axes),
         "reward/true": table(truth),
-        "reward/mixed": table(recovery.mixed[replica]),
-        "reward/plan": table(recovery.plan[replica]),
-        "best": table(recovery.best[replica]),
-        "visits": table(recovery.visits[replica]),
+        "reward/mixed": table(belief.mixed[replica]),
+        "reward/plan": table(belief.plan[replica]),
+        "best": table(belief.best[replica]),
+        "visits": table(belief.visits[replica]),
         "policy": policy[replica].cpu().numpy(),
     }
-    for index, name in enumerate(recovery.models):
-        arrays[f"reward/{name}"] = table(recovery.mean[replica, index])
-        draws = recovery.draws[index][replica]
-        arrays[f"draws/{name}"] = table(draws if recovery.column is None else draws[:, recovery.column[replica]])
-        arrays[f"mse/{name}"] = table(recovery.mse[replica, index])
-        arrays[f"weight/{name}"] = table(recovery.weights[replica, index])
+    for index, name in enumerate(belief.models):
+        arrays[f"reward/{name}"] = table(belief.mean[replica, index])
+        if (every := belief.draws[index]) is not None:
+            draws = every[replica]
+            arrays[f"draws/{name}"] = table(draws if belief.column is None else draws[:, belief.column[replica]])
+        arrays[f"mse/{name}"] = table(belief.mse[replica, index])
+        arrays[f"weight/{name}"] = table(belief.weights[replica, index])
         if index:
-            arrays[f"disagreement/{name}"] = table(recovery.disagreement[replica, index - 1])
+            arrays[f"disagreement/{name}"] = table(belief.disagreement[replica, index - 1])
     arrays |= {f"axis/{name}": table(values).astype(np.int32) for name, values in summary.items()}
-    for name, bonus in recovery.bonus.items():
+    for name, bonus in belief.bonus.items():
         arrays[f"bonus/{name}"] = table(bonus[replica])
     return arrays
 

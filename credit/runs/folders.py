@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from credit.core.errors import UserError
+from credit.renamed import translated
 from credit.runs import checkpoint
 from credit.runs import job as jobs
 from credit.runs.locks import Lock
@@ -79,8 +80,9 @@ def find(config: Mapping[str, Any], parent: Path) -> Folders:
         wanted = tuple(s for s in seeds if s not in claimed and not (parent / f"seed-{s}" / "DONE").exists())
         if not left & set(wanted):
             continue
-        if content["config_hash"] != jobs.identity(config):
-            differ = "; ".join(jobs.differences(content["config"], config))
+        before = translated(content["config"])
+        if jobs.identity(before) != jobs.identity(config):
+            differ = "; ".join(jobs.differences(before, config))
             raise UserError(f"{file}: the checkpoint is of another configuration: {differ}. Nothing was changed")
         groups.append(Group(seeds, wanted, file))
         claimed |= set(wanted)

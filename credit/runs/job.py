@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import torch
 import yaml
 
 from credit.config import registry, schema
+from credit.config.identity import identity
 from credit.config.registry import CIRCUMSTANCES
 from credit.core.errors import UserError
-from credit.core.types import NonNegative, NonNegativeInt, PositiveInt
+from credit.core.ranges import NonNegative, NonNegativeInt, PositiveInt
+from credit.renamed import translated
 
 
 @dataclass(frozen=True)
@@ -108,12 +108,6 @@ def checked(config: Mapping[str, Any], say: Callable[[str], None] = lambda remar
     return {key: value for key, value in config.items() if key in found.used or key in names}
 
 
-def identity(config: Mapping[str, Any]) -> str:
-    """Hash of everything that decides a run's results but its seed; 12 hexadecimal digits."""
-    kept = {key: value for key, value in config.items() if key not in CIRCUMSTANCES}
-    return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()[:12]
-
-
 def plan(config: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
     """What tells a job from others: its configuration, its folder and its seeds."""
     job = Job.of(config)
@@ -145,7 +139,7 @@ def split(config: Mapping[str, Any], parent: Path) -> tuple[list[int], list[int]
 
 
 def read(folder: Path) -> dict[str, Any]:
-    """The configuration of a run.
+    """The configuration of a run, in today's names.
 
     Raises:
         UserError: its file is damaged.
@@ -157,7 +151,7 @@ def read(folder: Path) -> dict[str, Any]:
         found = None
     if not isinstance(found, dict):
         raise UserError(f"{path}: damaged; restore it, or move {folder} away and compute the run anew")
-    return found
+    return cast(dict[str, Any], translated(found))
 
 
 def differences(earlier: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:

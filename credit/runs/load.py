@@ -12,6 +12,7 @@ import pandas as pd
 import yaml
 
 from credit.core.errors import UserError
+from credit.renamed import translated
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ def load(run_dir: str | Path) -> Run:
         raise UserError(f"{folder}: no finished run lies here (no file DONE); give a folder like …/default/seed-0")
     return Run(
         folder,
-        yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8")),
+        translated(yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))),
         pd.read_csv(folder / "metrics.csv", index_col="step"),
         json.loads((folder / "summary.json").read_text(encoding="utf-8")),
         _arrays(folder / "recovery.npz"),

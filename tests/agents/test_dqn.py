@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-
-from credit.agents.dqn import DQN, targets
 from credit.core.dataset import Dataset
-from credit.core.errors import UserError
 from credit.core.interfaces import CreditAssigner, FeatureMap
-from credit.core.streams import generators
 from credit.core.tables import RewardFunction
 from credit.core.types import FLOAT, Problem, Recovery, Steps, Windows
+
+from credit.agents.dqn import DQN, targets
+from credit.core.errors import UserError
+from credit.core.streams import generators
 from credit.networks.perceptron import ReplicaLinear
 from credit.rivals.rules import Delayed, Uniform
 
@@ -182,7 +182,7 @@ def test_targets_by_hand() -> None:
     [{}, {"hidden": (17, 5), "batch": 13}, {"hidden": (64, 1), "batch": 16}, {"hidden": (), "batch": 1}],
     ids=str,
 )
-def test_a_replica_is_the_same_alone_and_in_a_batch(
+def test_a_replica_learns_and_acts_alone_as_in_a_batch(
     make_problem: Make, make_windows: MakeWindows, keys: dict[str, Any]
 ) -> None:
     problem = make_problem(range(7), states=STATES, actions=ACTIONS, window=WINDOW)
@@ -199,8 +199,9 @@ def test_a_replica_is_the_same_alone_and_in_a_batch(
 
     together = run(slice(None))
     for replicas in (slice(0, 1), slice(6, 7), slice(2, 4), slice(1, 6)):
-        assert all(torch.equal(a, b[replicas]) for a, b in zip(run(replicas), together, strict=True))
-    assert not torch.equal(together[0][0], together[0][1])
+        for alone, batch in zip(run(replicas), together, strict=True):  # a hundred updates
+            torch.testing.assert_close(alone, batch[replicas], rtol=0, atol=1e-4)
+    assert (together[0][0] - together[0][1]).abs().max() > 0.01
 
 
 def test_random_numbers_come_from_streams_alone(problem: Problem, make_windows: MakeWindows) -> None:

@@ -25,6 +25,10 @@ from pathlib import Path
 from credit.envs.feedback import BlockSum
 
 
+class Calm(BlockSum):
+    pass
+
+
 class Failing(BlockSum):
     def __call__(self, rewards):
         raise ArithmeticError("no labels today")
@@ -57,7 +61,7 @@ def misbehaving(folder: Path) -> None:
     package = folder / "misbehaving"
     (package / "conf" / "feedback").mkdir(parents=True)
     (package / "__init__.py").write_text(PARTS)
-    for name in ("Failing", "Waiting", "Killed"):
+    for name in ("Calm", "Failing", "Waiting", "Killed"):
         text = f"# Misbehaves.\n_target_: misbehaving.{name}\nwindow: 7  # steps\n"
         (package / "conf" / "feedback" / f"{name.lower()}.yaml").write_text(text)
     facts = folder / "misbehaving-1.0.dist-info"

@@ -28,7 +28,7 @@ def site(tmp_path: Path) -> Path:
 
 
 def test_one_failing_job(site):
-    ended = run(site, "train", "-m", "feedback=block_sum,failing,terminal", *TWO, *SHORT)
+    ended = run(site, "train", "-m", "feedback=block_sum,failing,calm", *TWO, *SHORT)
     assert ended.returncode == 1
     log = session(site) / "job-1.log"
     (line,) = [line for line in ended.stderr.splitlines() if line.startswith("failed")]
@@ -47,7 +47,7 @@ def test_one_failing_job(site):
 @pytest.mark.parametrize("launcher", ["basic", "local"])
 def test_stop_on_error(site, launcher):
     one = ("hydra/launcher=basic",) if launcher == "basic" else ("hydra/launcher=local", "hydra.launcher.n_jobs=1")
-    ended = run(site, "train", "-m", "feedback=block_sum,failing,terminal,waiting", "sweep.on_error=stop", *one, *SHORT)
+    ended = run(site, "train", "-m", "feedback=block_sum,failing,calm,waiting", "sweep.on_error=stop", *one, *SHORT)
     assert ended.returncode == 1
     assert "jobs     1 done, 1 failed, 2 not run" in ended.stdout
     assert done(site) == 1
@@ -132,14 +132,14 @@ def test_no_worker_outlives_a_command_that_was_killed(site):
 @pytest.mark.slow
 def test_a_worker_that_is_killed_takes_no_other_job_with_it(site):
     (site / "kill").touch()
-    ended = run(site, "train", "-m", "feedback=killed,block_sum,terminal,waiting", *TWO, *SHORT)
+    ended = run(site, "train", "-m", "feedback=killed,block_sum,calm,waiting", *TWO, *SHORT)
     assert ended.returncode == 0, ended.stderr
     assert done(site) == 4
 
 
 @pytest.mark.slow
 def test_submitit(site):
-    words = ("train", "-m", "feedback=block_sum,failing,terminal", "hydra/launcher=slurm_local", *SHORT)
+    words = ("train", "-m", "feedback=block_sum,failing,calm", "hydra/launcher=slurm_local", *SHORT)
     ended = run(site, *words)
     assert ended.returncode == 1
     assert "ArithmeticError: no labels today" in ended.stderr

@@ -18,7 +18,7 @@ from typing import ClassVar
 
 import torch
 
-from credit.core.interfaces import FeatureMap
+from credit.core.seams import FeatureMap
 
 
 class Parity(FeatureMap):

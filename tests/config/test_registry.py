@@ -9,6 +9,7 @@ import pytest
 
 from credit.config import registry
 from credit.core.errors import UserError
+from credit.runs import job
 
 
 @pytest.fixture
@@ -164,6 +165,18 @@ def test_every_kind_has_a_folder_a_class_and_options() -> None:
 def test_every_file_says_in_its_first_line_what_it_is(name: str) -> None:
     for path in registry.options(name).values():
         assert registry.describe_file(path), path
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("method=disagreement", "trainer.steps=70", "env.gain=0.06"),
+        ("experiment=sepsis", "trainer.steps=200", "method=delayed", "trainer.windows_per_round=10", "seed=3"),
+        ("experiment=pointmaze", "env.successes=3"),
+    ],
+)
+def test_composed_fixture_composes(composed: Callable[..., dict[str, object]], words: tuple[str, ...]) -> None:
+    assert composed(*words) == job.checked(registry.compose(["tracking=none", *words]))
 
 
 def test_composed_fixture_is_checked(composed: Callable[..., dict[str, object]]) -> None:

@@ -16,8 +16,8 @@ from credit.recovery.bonuses import Count
 from credit.runs import checkpoint, job
 from credit.trainer import Trainer
 
-from .test_components import selection
-from .test_continuous import composed as small
+from .test_components import SMALL, selection
+from .test_components import composed as small
 
 KINDS = [kind for kind in registry.KINDS if kind != "tracking"]
 EXPERIMENTS = sorted(registry.options("experiment"), key=lambda name: (name == "pointmaze", name))  # slow ones last
@@ -32,7 +32,7 @@ Rows = list[tuple[int, dict[str, torch.Tensor]]]
 def composed(*overrides: str) -> dict[str, Any]:
     """The configuration of a short run: five rounds and a window that is cut short; not to be changed."""
     config = registry.compose(["tracking=none", *overrides])
-    if schema.resolve("env", config["env"]).domain == "continuous":
+    if schema.resolve("env", config["env"]).__name__ in SMALL:
         return small(*overrides)
     window = config["feedback"]["window"]
     return config | {"trainer": config["trainer"] | ROUNDS | {"steps": WINDOWS * window + window // 2}}
@@ -152,9 +152,9 @@ class Forgetful(Count):
     def start(self, problem: Any) -> None:
         self._seen = 0
 
-    def __call__(self, recovery: Any, reference: Any) -> torch.Tensor:
+    def __call__(self, belief: Any, reference: Any) -> torch.Tensor:
         self._seen += 1
-        return super().__call__(recovery, reference) * self._seen
+        return super().__call__(belief, reference) * self._seen
 
 
 def test_a_state_that_is_forgotten_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import torch
 
-from credit.core.interfaces import Feedback
-from credit.core.types import Problem
+from credit.core.problem import Problem
+from credit.core.seams import Feedback
 from credit.envs.feedback import BlockSum, Success, Terminal
 
 
@@ -43,7 +43,7 @@ def test_a_terminal_label_is_the_last_reward(make_problem: Callable[..., Problem
     rewards = torch.tensor([[[1.0, 2.0, 3.0], [0.5, -0.5, 0.25]], [[0, 0, -1.0], [9.0, 9.0, 0]]], dtype=torch.float64)
     found = labels(make_problem((0, 1)), Terminal(3), rewards)
     assert found.tolist() == [[3.0, 0.25], [-1.0, 0.0]]
-    assert (BlockSum.additive, Terminal.additive) == (True, False)
+    assert (BlockSum.objective, Terminal.objective, Success.objective) == ("sum", "last", "success")
 
 
 def test_a_terminal_label_has_no_noise_and_no_memory(make_problem: Callable[..., Problem]) -> None:

@@ -54,6 +54,10 @@ RUNS = {
             f"{name} {MODELS}"
             for name in ("adaptive_mse uncertainty=ensemble", "disagreement trainer.windows_per_round=3")
         ),
+        *(
+            f"{name} {MODELS}"
+            for name in ("adaptive_mse bonus.local_mse.scale=0", "disagreement bonus.disagreement.scale=0")
+        ),
         "reference reference.first_steps=30 reference.steps=10",
         "delayed optimizer=sac_plain optimizer.update_ratio=0 optimizer.updates=20",
         "oracle env.primitive=dense",
@@ -87,7 +91,7 @@ def compute(output: Path, only: str) -> None:
         given = [*_kept(overrides), "seed=1000", "replicas=2", "tracking=none", f"output={output}"]
         try:
             result = credit.run(given)
-        except credit.UserError as error:
+        except ValueError as error:  # a UserError, wherever that is
             found[name] = f"refused: {str(error).splitlines()[0]}"
             continue
         found[name] = result.error or [str(folder) for folder in result.folders]

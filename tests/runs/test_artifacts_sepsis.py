@@ -14,7 +14,8 @@ import torch
 from scipy.optimize import nnls
 
 import credit
-from credit.core.types import Problem, Windows
+from credit.core.problem import Problem
+from credit.core.store import Windows
 from credit.envs.sepsis.factored import FactoredMixture
 from credit.planning.counts import ObservedCounts
 
@@ -292,11 +293,11 @@ def test_axes_to_show_it_over(run: tuple[str, Arrays]) -> None:
 
 def test_the_policy_is_optimal_for_the_plan(run: tuple[str, Arrays]) -> None:
     what, arrays = run
-    problem = Problem(STATES, ACTIONS, WINDOW, (SEED,), torch.device("cpu"), episodic=True)
+    problem = Problem.finite(STATES, ACTIONS, WINDOW, (SEED,), episodic=True)
     steps = (torch.from_numpy(arrays[f"windows/{part}"]).long() for part in ("states", "actions", "next_states"))
     model = ObservedCounts() if what == "pairs" else FactoredMixture(pseudo_counts=50.0)
     model.start(problem)
-    model.observe(Windows(*(part.unsqueeze(0) for part in steps), torch.zeros(1, COUNT)))
+    model.observe(Windows.of_grid(*(part.unsqueeze(0) for part in steps), torch.zeros(1, COUNT)))
     value, plan = np.zeros(STATES), arrays["reward/plan"]
     for step in reversed(range(WINDOW)):
         later = value if what == "pairs" else value + plan[step]

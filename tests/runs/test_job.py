@@ -42,7 +42,10 @@ def problems(*overrides: str) -> list[str]:
         ("device=tpu9", ["device='tpu9'", "cpu, cuda, cuda:<n>, auto"]),
         ("device=cuda:99", ["device='cuda:99'", "CUDA devices are visible"]),
         ("env.p_down=???", ["env.p_down", "a value is missing"]),
-        ("assigner=delayed", ["optimizer: ValueIteration needs a RewardFunction in assigner", "Delayed"]),
+        (
+            "optimizer=sac",
+            ["optimizer: SAC needs actions that are vectors (Box)", "numbers (Discrete)"],
+        ),
         ("reference._target_=os.system", ["reference._target_='os.system'", "only classes of these packages"]),
         ("surrogates.linear.name=ridge", ["different names", "ridge"]),
     ],
@@ -58,7 +61,7 @@ def test_a_problem_is_named(override: str, said: list[str]) -> None:
     ("overrides", "said"),
     [
         (["method=block", "feedback.window=12"], r"feedback\.window=12.*3\^12"),
-        (["method=oracle", "uncertainty=analytic"], r"Analytic needs a LinearModel in reference.*PrimitiveReward"),
+        (["method=reference", "reward@reference=dnn"], r"reference: NeuralModel needs a NetworkUncertainty"),
         (
             ["method=reference", "reward@reference=primitive", "bonus=[thompson]"],
             r"bonus\.thompson.*LinearModel.*PrimitiveReward",

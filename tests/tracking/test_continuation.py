@@ -83,7 +83,9 @@ def test_what_is_computed_again_keeps_its_first_times(session: FakeSession, stor
     assert [step for step, _, _ in store.curve(store.runs("job")["delayed/delayed"], "time/seconds")] == [7, 14, 21]
 
 
-@pytest.mark.parametrize("moment", range(1, 9))
+@pytest.mark.parametrize(
+    "moment", [pytest.param(moment, marks=() if moment in (2, 5, 8) else pytest.mark.slow) for moment in range(1, 9)]
+)
 def test_the_uploader_dies_after_some_request(
     session: FakeSession, store: Store, monkeypatch: pytest.MonkeyPatch, moment: int
 ) -> None:

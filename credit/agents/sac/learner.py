@@ -10,18 +10,19 @@ import torch
 from annotated_types import Interval
 from torch import Tensor
 
-from credit.agents.sac.loss import Batch, Compiled, Gradients, Terms, losses
-from credit.agents.sac.networks import CRITICS
+from credit.agents.sac.loss import Compiled, Gradients, Terms, entropy_room, losses
+from credit.agents.sac.networks import CRITICS, encoded
 from credit.agents.sac.policy import Policy
 from credit.core.draws import Draws
 from credit.core.errors import RunError, UserError
+from credit.core.problem import Problem
+from credit.core.ranges import NonNegative, Positive, PositiveInt, Probability
 from credit.core.state import Stateful
 from credit.core.streams import generators
-from credit.core.types import NonNegative, Positive, PositiveInt, Probability
-from credit.data.trajectory_replay import Replay
+from credit.data.replay import Batch, Prefer, Replay
 from credit.networks.adam import Adam, step
 from credit.networks.denormals import flushed
-from credit.networks.stack import Shape, Stack, padded
+from credit.networks.stack import Shape, Stack, Tape, padded
 
 BLOCK = 32  # batches drawn at once
 
@@ -29,10 +30,11 @@ Rate = Annotated[float, Interval(gt=0, le=1)]
 
 
 class Learner(Stateful):
-    """Soft actor-critic with twin critics (B.2, line 13), on whole trajectories that are relabelled every round.
+    """Soft actor-critic with twin critics (B.2, line 13), on steps whose rewards may change from round to round.
 
-    The defaults are the recipe `stable`; the paper's plain SAC is `layer_norm=False, updates=600, first_updates=1500,
-    batch=128, policy_delay=1, n_step=1, success_share=0, target_clip=False`.
+    Actions are vectors in [−1, 1], states vectors, or numbers (seen one-hot). The defaults are the recipe `stable`; the
+    paper's plain SAC is `layer_norm=False, updates=600, first_updates=1500, batch=128, policy_delay=1, n_step=1,
+    success_share=0, target_clip=False`.
 
     Args:
         width: of the hidden layers of actor and critics. depth: how many of them.
@@ -42,18 +44,24 @@ class Learner(Stateful):
         update_ratio: updates a new transition; 0 leaves it to `updates`.
         batch: B, transitions an update. policy_delay: updates of the critics for one of actor and α.
         n_step: n, steps of reward before the target's bootstrap. The entropy within them is left out.
-        success_share: of a batch, what is drawn from successful trajectories.
-        target_clip: whether targets stay within [min(r, 0), max(r, 0)] / (1 − γ) of the stored rewards.
+        success_share: of a batch, what is drawn from preferred windows.
+        prefer: which those are: of labels that are bits the successes, the `top` tenth of any others, or `none`.
+        target_clip: whether targets stay within what the stored rewards and entropy allow (`entropy_room`).
         average_rate: at which the average of the actor's weights, for evaluation only, follows them.
         temperature: α at the start. adapt_temperature: whether it is adapted to the target entropy.
         target_entropy: H̄; None is minus the number of actions.
         time_cost: what every step costs: subtracted from every reward.
         compile: whether `torch.compile` gets the update, after half a minute; wants a C++ compiler on a CPU.
 
-    Example:
+    Example: on transitions of one's own, one seed, every window an episode.
+        >>> problem = Problem.vectors(4, 2, window=300, seeds=(0,))
+        >>> windows = Windows.of_episodes([[Episode(states, actions, next_states, terminated=True)]], labels)
         >>> learner = Learner(width=64)
-        >>> learner.make(observations=4, actions=2, seeds=(0, 1))
-        >>> learner.fit(replay, learner.updates)
+        >>> learner.make(observations=4, actions=2, seeds=(0,))
+        >>> replay = learner.replay(problem)
+        >>> replay.relabel(windows, rewards)  # [1, n]
+        >>> learner.fit(replay, 1000)
+        >>> learner.mean(states.unsqueeze(0))  # what it would do now [1, n, 2]
     """
 
     keeps: ClassVar[tuple[str, ...]] = (
@@ -76,6 +84,7 @@ class Learner(Stateful):
         policy_delay: PositiveInt = 2,
         n_step: PositiveInt = 30,
         success_share: Probability = 0.5,
+        prefer: Prefer = "success",
         target_clip: bool = True,
         average_rate: Rate = 0.005,
         temperature: Positive = 1.0,
@@ -88,17 +97,22 @@ class Learner(Stateful):
         self.learning_rate, self.discount, self.target_rate = learning_rate, discount, target_rate
         self.updates, self.first_updates, self.update_ratio = updates, first_updates, update_ratio
         self.batch, self.policy_delay, self.n_step = batch, policy_delay, n_step
-        self.success_share, self.target_clip = success_share, target_clip
+        self.success_share, self.prefer, self.target_clip = success_share, prefer, target_clip
         self.average_rate = average_rate
         self.temperature, self.adapt_temperature = temperature, adapt_temperature
         self.target_entropy = target_entropy
         self.time_cost, self.compile = time_cost, compile
 
     def make(self, observations: int, actions: int, seeds: Sequence[int], device: torch.device | str = "cpu") -> None:
-        """Make the networks of R seeds."""
+        """Make the networks of R seeds.
+
+        Args:
+            observations: numbers in a state, or how many states there are where they are numbers. actions: numbers in
+                an action. seeds: one a replica. device: where networks live.
+        """
         self.seeds, self.device = tuple(seeds), torch.device(device)
         device = self.device
-        replicas, self._actions = len(seeds), actions
+        replicas, self._states, self._actions = len(seeds), observations, actions
         self._entropy = float(-actions) if self.target_entropy is None else self.target_entropy
         mine = Shape(observations, 2 * actions, self.width, self.depth)
         judge = Shape(observations + actions, 1, self.width, self.depth, self.layer_norm)
@@ -121,8 +135,9 @@ class Learner(Stateful):
         self.critic.draw([twin for pair in zip(*twins, strict=True) for twin in pair])
         self.average.flat.copy_(self.actor.flat)
         self.target.flat.copy_(self.critic.flat)
+        room = entropy_room(self.discount, actions, self._entropy) if self.target_clip else None
         gradients = Gradients(
-            self.actor, self.critic, self.target, by_actor, by_critic, by_log_alpha, self._entropy, self.target_clip
+            self.actor, self.critic, self.target, by_actor, by_critic, by_log_alpha, self._entropy, room
         )
         self._gradients = Compiled(gradients) if self.compile else gradients
         self._by_log_alpha = by_log_alpha
@@ -132,9 +147,17 @@ class Learner(Stateful):
         self._exploration = Draws(seeds, "sac/exploration", device)
         self.count = 0
 
-    def replay(self, capacity: int) -> Replay:
-        """An empty replay buffer for some transitions of all replicas together, with this learner's settings."""
-        return Replay(self.seeds, capacity, self.n_step, self.discount, self.success_share, self.device)
+    def replay(self, problem: Problem) -> Replay:
+        """An empty memory with this learner's settings."""
+        return Replay(problem, self.n_step, self.discount, self.prefer, self.success_share, purpose="sac/replay")
+
+    @torch.no_grad()
+    def mean(self, states: Tensor, averaged: bool = False) -> Tensor:
+        """The actions without noise [R, K, A] for states [R, K, ...], of the actors or of their averages."""
+        actor = self.average if averaged else self.actor
+        tape = Tape(actor.shape, actor.members, states.shape[1], self.device)
+        tape.input.copy_(encoded(states, self._states))
+        return actor.forward(tape).chunk(2, -1)[0].tanh()
 
     def policy(self, copies: int, horizon: int, averaged: bool = False) -> Policy:
         """The actors, or their averages, as a collector's policy for `copies` environments a replica."""
@@ -187,6 +210,8 @@ class Learner(Stateful):
             batch: transitions [R, B]. noise: standard normal ε [2, R, B, A], for the actions at s and at s′.
         """
         self.count += 1
+        seen, ahead = (encoded(states, self._states) for states in (batch.observation, batch.ahead))
+        batch = batch._replace(observation=seen, ahead=ahead)
         due = self.count % self.policy_delay == 0
         terms = self._gradients(batch, noise, self.log_alpha, due)
         if due and not self.adapt_temperature:

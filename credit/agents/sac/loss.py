@@ -2,31 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from credit.agents.sac.networks import CRITICS, Squashed, squash, squash_backward
+from credit.data.replay import Batch
 from credit.networks.stack import Stack, Tape
-
-
-class Batch(NamedTuple):
-    """Transitions of R replicas, float32; where returns span n steps, `ahead` lies n steps later.
-
-    Attributes:
-        observation: s [R, B, O]. action: a [R, B, A]. returns: Σ γᵏ r [R, B] up to `ahead`.
-        discount: γⁿ [R, B], 0 where nothing lies behind `ahead`. ahead: the observation there [R, B, O].
-        low, high: bounds of a return [R, 1], from the range of the rewards.
-    """
-
-    observation: Tensor
-    action: Tensor
-    returns: Tensor
-    discount: Tensor
-    ahead: Tensor
-    low: Tensor
-    high: Tensor
 
 
 class Terms(NamedTuple):
@@ -55,13 +39,28 @@ def losses(terms: Terms, log_alpha: Tensor, target_entropy: float) -> dict[str, 
     return values
 
 
+def entropy_room(discount: float, actions: int, target_entropy: float) -> tuple[float, float]:
+    """How far entropy takes a soft return below and above the return, in units of the temperature α.
+
+    A soft value adds α·H(π) for every later state: γ/(1 − γ) of it at most. No policy on [−1, 1]^A has more entropy
+    than the uniform one, A·log 2. Downwards no bound holds for every policy, but α keeps the mean entropy at H̄ or
+    above; and the best soft policy is never below the bound of the return alone, since the uniform one is not.
+
+    Args:
+        discount: γ. actions: A. target_entropy: H̄.
+    """
+    later = discount / (1 - discount)
+    return later * min(target_entropy, 0.0), later * actions * math.log(2)
+
+
 class Gradients:
     """One pass through actors, critics and targets that leaves the gradients of all losses.
 
     Args:
         actor, critic, target: networks of R, 2R and 2R members; critic c of replica r is member 2r + c.
         by_actor, by_critic: where the gradients of actor and critics go. by_log_alpha: and that by log α [R].
-        target_entropy: H̄. clip: whether targets are kept within the bounds of a return.
+        target_entropy: H̄. room: what entropy adds to the bounds of a return (`entropy_room`), where targets are to be
+            kept within them; None where they are not.
     """
 
     def __init__(
@@ -73,11 +72,11 @@ class Gradients:
         by_critic: Stack,
         by_log_alpha: Tensor,
         target_entropy: float,
-        clip: bool,
+        room: tuple[float, float] | None,
     ) -> None:
         self.actor, self.critic, self.target = actor, critic, target
         self.by_actor, self.by_critic, self.by_log_alpha = by_actor, by_critic, by_log_alpha
-        self.target_entropy, self.clip = target_entropy, clip
+        self.target_entropy, self.room = target_entropy, room
         self._tapes: dict[tuple[Stack, int], Tape] = {}
 
     def __call__(self, batch: Batch, noise: Tensor, log_alpha: Tensor, actor_due: bool = True) -> Terms:
@@ -116,7 +115,10 @@ class Gradients:
         q, _ = self._values(self.target, batch.ahead, following.action)
         soft = torch.addcmul(q.amin(1), alpha, following.log_prob, value=-1)
         y = torch.addcmul(batch.returns, batch.discount, soft)
-        return torch.minimum(torch.maximum(y, batch.low), batch.high) if self.clip else y
+        if self.room is None:
+            return y
+        low, high = batch.low + self.room[0] * alpha, batch.high + self.room[1] * alpha
+        return torch.minimum(torch.maximum(y, low), high)
 
     def _act(self, observation: Tensor, noise: Tensor) -> tuple[Squashed, Tape]:
         tape = self._tape(self.actor, observation.shape[1])
@@ -165,6 +167,6 @@ class Compiled:
         stacks = zip((given.actor, given.critic, given.target), weights, strict=True)
         actor, critic, target = (Stack(stack.shape, stack.members, flat) for stack, flat in stacks)
         by_actor, by_critic, by_log_alpha = actor.apart(), critic.apart(), torch.empty_like(log_alpha)
-        run = Gradients(actor, critic, target, by_actor, by_critic, by_log_alpha, given.target_entropy, given.clip)
+        run = Gradients(actor, critic, target, by_actor, by_critic, by_log_alpha, given.target_entropy, given.room)
         terms = run(batch, noise, log_alpha, actor_due)
         return terms, by_critic.blocks, by_actor.blocks if actor_due else [], by_log_alpha

@@ -26,13 +26,14 @@ class Squashed(NamedTuple):
     scale: Tensor
 
 
-def deviation(raw: Tensor) -> Tensor:
-    """σ = floor + softplus(raw + bias).
+def encoded(states: Tensor, size: int) -> Tensor:
+    """What networks see of states: vectors [..., O] as they are, numbers [...] one-hot [..., size]."""
+    return states if states.is_floating_point() else F.one_hot(states, size).float()
 
-    By way of the logistic function: `F.softplus` rounds the last numbers of a tensor otherwise than the first, and a
-    replica alone would not equal the same replica in a batch.
-    """
-    return SCALE_FLOOR - F.logsigmoid(-SCALE_BIAS - raw)
+
+def deviation(raw: Tensor) -> Tensor:
+    """σ = floor + softplus(raw + bias)."""
+    return F.softplus(raw + SCALE_BIAS).add_(SCALE_FLOOR)
 
 
 def squash(output: Tensor, noise: Tensor) -> Squashed:

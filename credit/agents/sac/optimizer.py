@@ -10,24 +10,25 @@ from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from credit.agents.sac.learner import Learner
-from credit.agents.sac.policy import Policy
-from credit.core.component import Domain, Setting
+from credit.agents.sac.networks import encoded
+from credit.agents.sac.policy import Policy as Actor
+from credit.core.component import Kind
 from credit.core.errors import UserError
-from credit.core.interfaces import Act, CreditAssigner, Optimizer
-from credit.core.trajectories import ContinuousProblem, Trajectories, TrajectoryDataset
-from credit.core.types import FLOAT
+from credit.core.policy import Policy
+from credit.core.problem import FLOAT, Problem
+from credit.core.seams import Agent, CreditAssigner
+from credit.core.store import Store
 
 DIAGNOSTICS = ("critic", "actor", "alpha", "q", "entropy", "temperature")
 
 
-class SAC(Learner, Optimizer):  # noqa: D101 - the learner's docstring is its own
+class SAC(Learner, Agent):  # noqa: D101 - the learner's docstring is its own
     __doc__ = Learner.__doc__
-    domain: ClassVar[Domain] = "continuous"
-    setting: ClassVar[Setting] = "episodic"
+    actions: ClassVar[Kind] = "vector"
     keeps: ClassVar = (*Learner.keeps, "memory", "_diagnostics")
 
-    def start(self, problem: ContinuousProblem) -> None:
-        """Make the networks and an empty replay buffer.
+    def start(self, problem: Problem) -> None:
+        """Make the networks and an empty memory.
 
         Raises:
             UserError: `update_ratio` with several replicas.
@@ -38,73 +39,57 @@ class SAC(Learner, Optimizer):  # noqa: D101 - the learner's docstring is its ow
                 "same number of updates, and have different numbers of transitions; set update_ratio=0, or replicas=1"
             )
         self._problem = problem
-        self.make(problem.observations, problem.actions, problem.seeds, problem.device)
-        self.memory = self.replay(1)
-        self._policies: dict[tuple[str, int], Policy] = {}
+        states = problem.states if problem.finite_states else problem.observations
+        self.make(states, problem.actions, problem.seeds, problem.device)
+        self.memory = self.replay(problem)
+        self._policies: dict[tuple[str, int], Actor] = {}
         unknown = torch.full((problem.replicas,), torch.nan, device=problem.device)
         self._diagnostics = {name: unknown.clone() for name in DIAGNOSTICS}
 
-    def act(self, states: Tensor, step: int) -> Tensor:
-        """Sampled actions [n, A] in states [n, O], n = R · copies."""
+    def act(self, states: Tensor, step: Tensor) -> Tensor:
+        """Sampled actions."""
         return self._act("exploring", states, step)
 
-    def improve(self, dataset: TrajectoryDataset, assigner: CreditAssigner) -> None:
-        """Remember the newest trajectories, relabel all that is remembered, and fit."""
-        first, new = not len(self.memory), dataset.new
-        if len(self.memory) + len(new) > self.memory.capacity:
-            self.memory.reserve(2 * (len(self.memory) + len(new)))
-        before = len(dataset) - new.labels.shape[1]
-        ids = (before + new.number) * len(self.seeds) + new.replica
-        self.memory.extend(_rows(new, ids), new.replica)
-        self.memory.relabel(assigner.rewards(dataset.windows) - self.time_cost)
-        transitions = torch.bincount(new.replica, minlength=len(self.seeds)).tolist()
+    def improve(self, store: Store, assigner: CreditAssigner) -> None:
+        """Relabel all that was seen, and fit."""
+        new = store.new
+        first = len(new) == len(store.windows)
+        self.memory.update(store, assigner, self.time_cost)
+        transitions = [len(new)] * len(self.seeds) if new.count is None else new.count.tolist()
         self._diagnostics |= self.fit(self.memory, self.round_updates(first, transitions))
 
-    def policies(self) -> dict[str, Act]:
+    def policies(self) -> dict[str, Policy]:
         """The mean action, of the actor as it is and of the average of its weights."""
-
-        def of(name: str) -> Act:
-            return lambda states, step: self._act(name, states, step)
-
-        return {"behaviour": of("mean"), "averaged": of("averaged")}
+        return {"behaviour": Mean(self, "mean"), "averaged": Mean(self, "averaged")}
 
     def diagnostics(self) -> dict[str, Tensor]:
         """Losses, mean target, entropy and temperature of the last update in which each was due."""
         return {name: value.detach().to(FLOAT) for name, value in self._diagnostics.items()}
 
-    def _act(self, name: str, states: Tensor, step: int) -> Tensor:
-        copies = len(states) // len(self.seeds)
+    def _act(self, name: str, states: Tensor, step: Tensor) -> Tensor:
+        copies = states.shape[1]
         if (name, copies) not in self._policies:
             self._policies[name, copies] = self.policy(copies, self._problem.window, averaged=name == "averaged")
         policy = self._policies[name, copies]
-        if step == 0:
+        if not step.any():
             policy.restart()
         kind = ExplorationType.RANDOM if name == "exploring" else ExplorationType.DETERMINISTIC
+        flat = encoded(states, self._states).flatten(0, 1)
         with set_exploration_type(kind):
-            actions: Tensor = policy(TensorDict({"observation": states}, [len(states)]))["action"]
-        return actions
+            actions: Tensor = policy(TensorDict({"observation": flat}, [len(flat)]))["action"]
+        return actions.unflatten(0, states.shape[:2])
 
 
-def _rows(trajectories: Trajectories, ids: Tensor) -> TensorDict:
-    """Trajectories as the replay buffer keeps them, with ids [N]; the reward is filled in by relabelling."""
+class Mean(Policy):
+    """The mean actions of a learner's actors.
 
-    def column(values: Tensor) -> Tensor:
-        return values.unsqueeze(-1)
+    Args:
+        learner: whose. name: `mean`, or `averaged` for the average of their weights.
+    """
 
-    final, terminated = trajectories.final, trajectories.terminated
-    return TensorDict(
-        {
-            "observation": trajectories.states,
-            "action": trajectories.actions,
-            "next": {
-                "observation": trajectories.next_states,
-                "reward": torch.full_like(trajectories.states[:, :1], torch.nan),
-                "success": column(trajectories.to_steps(trajectories.labels) > 0),
-                "done": column(final),
-                "terminated": column(terminated),
-                "truncated": column(final & ~terminated),
-            },
-            "collector": {"traj_ids": ids},
-        },
-        [len(trajectories)],
-    )
+    def __init__(self, learner: SAC, name: str) -> None:
+        self._learner, self._name = learner, name
+
+    def act(self, states: Tensor, step: Tensor) -> Tensor:
+        """tanh of the mean [R, K, A]."""
+        return self._learner._act(self._name, states, step)

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import torch
 
 from credit.core.errors import UserError
-from credit.core.types import FLOAT, PositiveInt, Probability
+from credit.core.knowledge import KnownTransitions
+from credit.core.problem import FLOAT
+from credit.core.ranges import PositiveInt, Probability
 from credit.envs.exact.continuing import TabularEnvironment, TabularGymEnv, TabularMDP
+
+
+@dataclass(frozen=True)
+class LineKnowledge(KnownTransitions):
+    """That states lie on a line, and a step moves by one at most and stays where it would leave the line."""
 
 
 class Advertiser(TabularEnvironment):
@@ -31,7 +39,6 @@ class Advertiser(TabularEnvironment):
         convexity: quadratic cost of advertising.
         interaction: φ(a), value of a unit of population under each action; its length is the number of actions.
         initial_state: where every run starts.
-        poison: replace the primitive reward by NaN wherever a learner could read it.
     """
 
     def __init__(
@@ -47,9 +54,7 @@ class Advertiser(TabularEnvironment):
         convexity: float = 0.12,
         interaction: Sequence[float] = (0.0, 0.02, 0.05),
         initial_state: int = 0,
-        poison: bool = False,
     ) -> None:
-        super().__init__(poison)
         if states < 2:
             raise UserError(f"env.states={states}: at least 2 are needed")
         if len(interaction) < 2:
@@ -81,6 +86,10 @@ class Advertiser(TabularEnvironment):
         initial = torch.zeros(self.states, dtype=FLOAT)
         initial[self.initial_state] = 1
         return TabularMDP(transition, reward, initial)
+
+    def knowledge(self) -> LineKnowledge:
+        """That populations lie on a line; and P, for oracles."""
+        return LineKnowledge(self.mdp.transitions.backup)
 
 
 class AdvertiserEnv(TabularGymEnv):

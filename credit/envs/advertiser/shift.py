@@ -7,8 +7,11 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from credit.core.tables import TransitionTable
-from credit.core.types import FLOAT, Positive, Problem, Windows
+from credit.core.problem import FLOAT, Problem
+from credit.core.ranges import Positive
+from credit.core.seams import TransitionTable
+from credit.core.store import Windows
+from credit.envs.advertiser.environment import LineKnowledge
 from credit.planning.counts import count, require_small
 
 
@@ -24,7 +27,9 @@ class ShiftMixture(TransitionTable):
         shift_counts: pseudo-counts of each action's shift, spread evenly over the three.
     """
 
-    domain: ClassVar = "tabular"
+    observations: ClassVar = "finite"
+    actions: ClassVar = "finite"
+    knows: ClassVar = LineKnowledge
     keeps: ClassVar = ("_counts", "_shifts")
 
     def __init__(self, pseudo_counts: Positive = 20.0, shift_counts: Positive = 1.0) -> None:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any, ClassVar, Protocol
+from typing import ClassVar, Protocol
 
 import torch
+from torch import Tensor
 
-from credit.core.interfaces import Environment
-from credit.core.types import Problem
+from credit.core.knowledge import KnownTransitions
+from credit.core.problem import FLOAT, Problem
+from credit.core.seams import Environment, Transitions
+from credit.core.streams import Stream
 
 
-class Sizes(Protocol):
+class ExactMDP(Protocol):
     """An MDP with S states and A actions."""
 
     @property
@@ -22,26 +25,74 @@ class Sizes(Protocol):
     def actions(self) -> int:
         """A."""
 
+    @property
+    def initial(self) -> Tensor:
+        """The initial distribution [S]."""
+
+    @property
+    def transitions(self) -> KnownTransitions:
+        """P alone."""
+
 
 class ExactEnvironment(Environment):
-    """R replicas of one exact MDP, stepped together.
+    """Copies of one exact MDP, stepped together; by default one of each replica."""
 
-    Args:
-        poison: replace the primitive reward by NaN wherever anything but the feedback could read it (the leak test:
-            only the oracle metrics may change).
-    """
-
-    domain: ClassVar = "tabular"
-
-    def __init__(self, poison: bool = False) -> None:
-        self.poison = poison
+    copies = 1
+    ends_early: ClassVar = False
+    keeps: ClassVar = ("_stream", "_first", "_states", "_numbers", "_used")
 
     @property
     @abstractmethod
-    def mdp(self) -> Sizes:
+    def mdp(self) -> ExactMDP:
         """The exact MDP."""
 
-    def problem(self, window: int, seeds: tuple[int, ...], device: Any) -> Problem:
+    def problem(self, window: int, seeds: tuple[int, ...], device: torch.device | str) -> Problem:
         """S, A, T and the seeds."""
-        sizes = (self.mdp.states, self.mdp.actions, window)
-        return Problem(*sizes, tuple(seeds), torch.device(device), self.setting == "episodic")
+        episodic = self.setting == "episodic"
+        return Problem.finite(self.mdp.states, self.mdp.actions, window, seeds, device, episodic)
+
+    def start(self, problem: Problem, copies: int = 1, purpose: str = "environment") -> None:
+        """Make the streams of K copies of R replicas."""
+        self._actions, self._window = problem.actions, problem.window
+        self._initial = cumulative(self.mdp.initial).to(problem.device)
+        first = "initial state" if purpose == "environment" else f"initial state, {purpose}"
+        self._stream = Stream(problem, purpose, "uniform", copies * problem.window)
+        self._first = Stream(problem, first, "uniform", copies)
+        self._states = torch.zeros(problem.replicas, copies, dtype=torch.int64, device=problem.device)
+        self._numbers: tuple[Tensor, ...] = ()  # of a window, [R, K, 1] a step
+        self._used = problem.window
+
+    def reset(self, mask: Tensor | None = None) -> Tensor:
+        """Draw initial states."""
+        drawn = torch.searchsorted(self._initial, self._first.next(), right=True)
+        if mask is None:
+            self._states, self._used = drawn, self._window
+        else:
+            self._states = torch.where(mask, drawn, self._states)
+        return self._states
+
+    def step(self, actions: Tensor, mask: Tensor | None = None) -> Transitions:
+        """Draw s' from P(·|s, a)."""
+        if self._used == self._window:
+            self._numbers = self._stream.next().view(*self._states.shape, -1, 1).unbind(2)
+            self._used = 0
+        row = self._states * self._actions + actions
+        states, rewards = self._draw(row, self._numbers[self._used])
+        self._used += 1
+        self._states = states if mask is None else torch.where(mask, states, self._states)
+        return Transitions(self._states, rewards)
+
+    @abstractmethod
+    def _draw(self, row: Tensor, uniform: Tensor) -> tuple[Tensor, Tensor]:
+        """s' [R, K] and r [R, K] of rows s·A + a [R, K], from uniform numbers [R, K, 1]."""
+
+    def knowledge(self) -> KnownTransitions:
+        """P, for oracles."""
+        return self.mdp.transitions
+
+
+def cumulative(rows: Tensor) -> Tensor:
+    """Running sums of distributions [..., n], infinite from the last possible entry on: rounding leads past none."""
+    width = rows.shape[-1]
+    last = width - 1 - (rows > 0).flip(-1).to(torch.uint8).argmax(-1, keepdim=True)
+    return rows.to(FLOAT).cumsum(-1).masked_fill(torch.arange(width) >= last, torch.inf)

@@ -1,10 +1,10 @@
-"""Exact tabular MDPs: what is true about one, R replicas of it side by side, and a Gymnasium face."""
+"""Exact tabular MDPs: what is true about one, copies of it side by side, and a Gymnasium face."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar
 
 import gymnasium
@@ -12,11 +12,10 @@ import torch
 from torch import Tensor
 
 from credit.core.errors import UserError
-from credit.core.interfaces import Act, Feedback
-from credit.core.streams import Stream
-from credit.core.types import Problem, Windows
-from credit.envs.exact.base import ExactEnvironment
-from credit.judges.exact import AverageRewardOracle
+from credit.core.knowledge import KnownTransitions
+from credit.core.problem import Problem
+from credit.core.truth import ContinuingTruth
+from credit.envs.exact.base import ExactEnvironment, cumulative
 from credit.planning import solve
 
 
@@ -52,6 +51,15 @@ class TabularMDP:
         """A."""
         return self.transition.shape[1]
 
+    def backup(self, values: Tensor) -> Tensor:
+        """The expected next value Σ P(s'|s, a) v(s') [..., S, A] of values [..., S]."""
+        return expected(self.transition, values)
+
+    @property
+    def transitions(self) -> KnownTransitions:
+        """P alone, without a way back to the rewards."""
+        return KnownTransitions(partial(expected, self.transition))
+
     @cached_property
     def optimal(self) -> solve.Plan:
         """g*, h*, π* and action values of the average-reward criterion (42), without the replica dimension."""
@@ -68,67 +76,43 @@ class TabularMDP:
         return solve.diameter(self.transition)
 
 
-class TabularEnvironment(ExactEnvironment):
-    """R replicas of one exact continuing MDP.
+def expected(transition: Tensor, values: Tensor) -> Tensor:
+    """Σ P(s'|s, a) v(s') [..., S, A] of P [S, A, S] and values [..., S]."""
+    return torch.einsum("sat,...t->...sa", transition, values)
 
-    Args:
-        poison: replace the primitive reward by NaN wherever a learner could read it.
-    """
+
+class TabularEnvironment(ExactEnvironment):
+    """Copies of one exact continuing MDP."""
 
     setting: ClassVar = "continuing"
-    keeps: ClassVar = ("_stream", "_states")
 
     @property
     @abstractmethod
     def mdp(self) -> TabularMDP:
         """The exact MDP."""
 
-    def start(self, problem: Problem) -> None:
-        """Draw the initial states."""
+    def start(self, problem: Problem, copies: int = 1, purpose: str = "environment") -> None:
+        """Make the streams of K copies of R replicas."""
+        super().start(problem, copies, purpose)
+        self._reward = self.mdp.reward.flatten().to(problem.device)
+        self._cumulative = cumulative(self.mdp.transition.flatten(0, 1)).to(problem.device)
+
+    def _draw(self, row: Tensor, uniform: Tensor) -> tuple[Tensor, Tensor]:
+        return (self._cumulative[row] <= uniform).sum(-1), self._reward.take(row)
+
+    def truth(self, objective: str, window: int) -> ContinuingTruth:
+        """g*, π*, its occupancy, and r.
+
+        Raises:
+            UserError: the label is about anything but the sum of rewards.
+        """
+        if objective != "sum":
+            raise UserError(
+                f"{type(self).__name__} goes on for ever, where regret is that of the average reward, and the feedback "
+                f"asks for {objective!r}; choose a feedback whose objective is 'sum', like block_sum"
+            )
         mdp = self.mdp
-        self._actions = problem.actions
-        self._reward = mdp.reward.flatten().to(problem.device)
-        self._cumulative = _cumulative(mdp.transition.flatten(0, 1)).to(problem.device)
-        self._initial = _cumulative(mdp.initial).to(problem.device)
-        self._stream = Stream(problem, "environment", "uniform", problem.window)
-        first = Stream(problem, "initial state", "uniform", 1).next()
-        self._states = _invert(self._initial, first)
-
-    def collect(self, act: Act, feedback: Feedback, windows: int, steps: int) -> tuple[Windows, Tensor]:
-        """Run `act`; the feedback alone sees the true r."""
-        states, actions, arrivals = [], [], []
-        now = self._states
-        for _ in range(windows):
-            uniform = self._stream.next().unsqueeze(-1)
-            for t in range(steps):
-                action = act(now, t)
-                then = (self._cumulative[now * self._actions + action] <= uniform[:, t]).sum(-1)
-                states.append(now)
-                actions.append(action)
-                arrivals.append(then)
-                now = then
-        self._states = now
-        shape = (now.shape[0], windows, steps)
-        s, a, n = (torch.stack(part, dim=1).view(shape) for part in (states, actions, arrivals))
-        primitive = self._reward[s * self._actions + a]
-        labels = feedback(primitive)
-        return Windows(s, a, n, labels), primitive * torch.nan if self.poison else primitive
-
-    def oracle(self, problem: Problem, feedback: Feedback) -> AverageRewardOracle:
-        """Regret, policy error and reward error against the exact MDP."""
-        mdp = self.mdp
-        reward = mdp.reward * torch.nan if self.poison else mdp.reward
-        return AverageRewardOracle(problem, float(mdp.optimal.gain), mdp.optimal.policy, mdp.occupancy, reward)
-
-
-def _cumulative(rows: Tensor) -> Tensor:
-    total = rows.cumsum(-1)
-    total[..., -1] = torch.inf  # rounding must not lead past the last state
-    return total
-
-
-def _invert(cumulative: Tensor, uniform: Tensor) -> Tensor:
-    return (cumulative <= uniform).sum(-1)
+        return ContinuingTruth(float(mdp.optimal.gain), mdp.optimal.policy, mdp.occupancy, mdp.reward)
 
 
 class TabularGymEnv(gymnasium.Env[int, int]):

@@ -1,9 +1,9 @@
-"""Exact finite-horizon MDPs with few successors a row: the truth, R replicas side by side, and a Gymnasium face."""
+"""Exact finite-horizon MDPs with few successors a row: the truth, copies side by side, and a Gymnasium face."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, ClassVar
 
@@ -14,11 +14,10 @@ from torch import Tensor
 
 from credit.core.cells import Cells
 from credit.core.errors import UserError
-from credit.core.interfaces import Act, Feedback
-from credit.core.streams import Stream
-from credit.core.types import FLOAT, Problem, Windows
-from credit.envs.exact.base import ExactEnvironment
-from credit.judges.exact import EpisodicOracle
+from credit.core.knowledge import KnownTransitions
+from credit.core.problem import FLOAT, Problem
+from credit.core.truth import EpisodicTruth
+from credit.envs.exact.base import ExactEnvironment, cumulative
 from credit.planning.solve import first_best
 
 
@@ -71,11 +70,13 @@ class SuccessorMDP:
         return self.backup(self.reward_next)
 
     def backup(self, values: Tensor) -> Tensor:
-        """The expected next value Σ P(s'|s, a) v(s') [..., S, A] of values [..., S], the same alone or in a batch."""
-        columns = values.reshape(-1, self.states).T.cpu().numpy()
-        # N × (R·S) chosen rows would be gathered at full width W; the sparse product reads each non-zero once.
-        expected = torch.from_numpy(self._sparse @ columns).T
-        return expected.reshape(*values.shape, self.actions)
+        """The expected next value Σ P(s'|s, a) v(s') [..., S, A] of values [..., S]."""
+        return expected(self._sparse, values)
+
+    @property
+    def transitions(self) -> KnownTransitions:
+        """P alone, without a way back to the rewards."""
+        return KnownTransitions(partial(expected, self._sparse))
 
     def optimal(self, horizon: int, additive: bool) -> tuple[Tensor, Tensor]:
         """The best values [T+1, S] and a policy [T, S] that attains them, of ties the first action.
@@ -123,69 +124,60 @@ class SuccessorMDP:
         return csr_array((self.probabilities[possible].numpy(), cells), shape=(len(possible), self.states))
 
 
-class EpisodicEnvironment(ExactEnvironment):
-    """R replicas of one exact MDP; every window starts from the initial distribution.
+def expected(transition: csr_array, values: Tensor) -> Tensor:
+    """Σ P(s'|s, a) v(s') [..., S, A] of a sparse P [S·A, S] and values [..., S]."""
+    pairs, states = transition.shape
+    # N × (R·S) chosen rows would be gathered at full width W; the sparse product reads each non-zero once.
+    ahead = torch.from_numpy(transition @ values.reshape(-1, states).T.cpu().numpy()).T
+    return ahead.reshape(*values.shape, pairs // states)
 
-    Args:
-        poison: replace the primitive reward by NaN wherever a learner could read it.
-    """
+
+class EpisodicEnvironment(ExactEnvironment):
+    """Copies of one exact MDP; every window starts from the initial distribution."""
 
     setting: ClassVar = "episodic"
-    keeps: ClassVar = ("_stream", "_first")
 
     @property
     @abstractmethod
     def mdp(self) -> SuccessorMDP:
         """The exact MDP."""
 
-    def start(self, problem: Problem) -> None:
-        """Make the streams of R replicas."""
-        mdp = self.mdp
-        self._actions = problem.actions
-        self._reward = mdp.reward_next.to(problem.device)
-        self._successors = mdp.next_states.to(problem.device)
-        self._cumulative = _cumulative(mdp.probabilities).to(problem.device)
-        self._initial = _cumulative(mdp.initial).to(problem.device)
-        self._stream = Stream(problem, "environment", "uniform", problem.window)
-        self._first = Stream(problem, "initial state", "uniform", 1)
+    def start(self, problem: Problem, copies: int = 1, purpose: str = "environment") -> None:
+        """Make the streams of K copies of R replicas."""
+        super().start(problem, copies, purpose)
+        self._reward = self.mdp.reward_next.to(problem.device)
+        self._successors = self.mdp.next_states.to(problem.device)
+        self._cumulative = cumulative(self.mdp.probabilities).to(problem.device)
 
-    def collect(self, act: Act, feedback: Feedback, windows: int, steps: int) -> tuple[Windows, Tensor]:
-        """Run `act` for some episodes, cut after `steps`; the feedback alone sees the true r(s')."""
-        states, actions, arrivals = [], [], []
-        for _ in range(windows):
-            now = torch.searchsorted(self._initial, self._first.next().squeeze(-1), right=True)
-            uniform = self._stream.next().unsqueeze(-1)
-            for t in range(steps):
-                action = act(now, t)
-                row = now * self._actions + action
-                then = self._successors[row, (self._cumulative[row] <= uniform[:, t]).sum(-1)]
-                states.append(now)
-                actions.append(action)
-                arrivals.append(then)
-                now = then
-        shape = (now.shape[0], windows, steps)
-        s, a, n = (torch.stack(part, dim=1).view(shape) for part in (states, actions, arrivals))
-        primitive = self._reward[n]
-        labels = feedback(primitive)
-        return Windows(s, a, n, labels), primitive * torch.nan if self.poison else primitive
+    def _draw(self, row: Tensor, uniform: Tensor) -> tuple[Tensor, Tensor]:
+        then = self._successors[row, (self._cumulative[row] <= uniform).sum(-1)]
+        return then, self._reward.take(then)
 
-    def oracle(self, problem: Problem, feedback: Feedback) -> EpisodicOracle:
-        """Regret and reward error against the exact MDP, for the sum of rewards or for the last one."""
-        mdp = replace(self.mdp, reward_next=self.mdp.reward_next * torch.nan) if self.poison else self.mdp
-        values, _ = mdp.optimal(problem.window, feedback.additive)
-        uniform = torch.full((1, problem.window, problem.states, problem.actions), 1 / problem.actions, dtype=FLOAT)
+    def truth(self, objective: str, window: int) -> EpisodicTruth:
+        """V* and the value of policies, for the sum of rewards or for the last one.
 
-        def truth(cells: Cells) -> Tensor:
-            table = cells.known(mdp.reward, mdp.reward_next)
-            counts = cells.steps(table.device).times == problem.window - 1
-            return table if feedback.additive or "step" not in cells.axes else table * counts
+        Raises:
+            UserError: the label is about something else.
+        """
+        if objective not in ("sum", "last"):
+            raise UserError(
+                f"the feedback asks for {objective!r}, and the regret in {type(self).__name__} is known for the sum of "
+                "rewards (objective 'sum') and for the last one ('last'); choose a feedback with one of these"
+            )
+        mdp, additive = self.mdp, objective == "sum"
+        values, _ = mdp.optimal(window, additive)
+        uniform = torch.full((1, window, mdp.states, mdp.actions), 1 / mdp.actions, dtype=FLOAT)
 
-        return EpisodicOracle(
-            problem,
+        def table(cells: Cells) -> Tensor:
+            known = cells.known(mdp.reward, mdp.reward_next)
+            counts = cells.steps(known.device).times == window - 1
+            return known if additive or "step" not in cells.axes else known * counts
+
+        return EpisodicTruth(
             best=float(values[0] @ mdp.initial),
-            random=float(mdp.evaluate(uniform, feedback.additive)),
-            truth=truth,
-            evaluate=partial(mdp.evaluate, additive=feedback.additive),
+            random=float(mdp.evaluate(uniform, additive)),
+            table=table,
+            evaluate=partial(mdp.evaluate, additive=additive),
         )
 
 
@@ -242,10 +234,3 @@ def _checked(horizon: int) -> int:
 
 def _not_distributions(rows: Tensor) -> Tensor:
     return (((rows.sum(-1) - 1).abs() > 1e-9) | (rows < 0).any(-1)).nonzero().flatten()
-
-
-def _cumulative(rows: Tensor) -> Tensor:
-    width = rows.shape[-1]
-    last = width - 1 - (rows > 0).flip(-1).to(torch.uint8).argmax(-1, keepdim=True)
-    # rounding must not lead past the last possible successor
-    return rows.to(FLOAT).cumsum(-1).masked_fill(torch.arange(width) >= last, torch.inf)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from credit.core.types import NonNegative, Positive, PositiveInt
+from credit.core.ranges import NonNegative, Positive, PositiveInt
 from credit.envs.pointmaze.physics import Balls
 from credit.envs.pointmaze.task import Task
 

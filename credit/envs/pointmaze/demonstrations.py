@@ -12,9 +12,9 @@ from pathlib import Path as File
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from tensordict import TensorDict
 
 from credit.core.errors import UserError
+from credit.core.store import Episode
 from credit.envs.pointmaze.controllers import Controller, Path
 from credit.envs.pointmaze.task import Task
 
@@ -75,26 +75,14 @@ class Demonstrations:
             state.update(values.tobytes())
         return state.hexdigest()
 
-    def rows(self, first_id: int = 0) -> TensorDict:
-        """The steps [N] with the keys of a collector's batch; the reward is NaN, for none was recorded."""
-        ids = np.repeat(first_id + np.arange(len(self)), self.lengths)
-        last = np.zeros(len(self.states), dtype=bool)
-        last[np.cumsum(self.lengths) - 1] = True
-        ends = {"success": self.terminated, "done": last, "terminated": self.terminated}
-        ends["truncated"] = last & ~self.terminated
-        return TensorDict(
-            {
-                "observation": torch.from_numpy(self.states),
-                "action": torch.from_numpy(self.actions),
-                "next": {
-                    "observation": torch.from_numpy(self.next_states),
-                    "reward": torch.full((len(last), 1), torch.nan),
-                    **{key: torch.from_numpy(flag).unsqueeze(-1) for key, flag in ends.items()},
-                },
-                "collector": {"traj_ids": torch.from_numpy(ids)},
-            },
-            [len(last)],
+    def episodes(self) -> list[Episode]:
+        """Each trajectory."""
+        lengths, last = self.lengths.tolist(), (np.cumsum(self.lengths) - 1).tolist()
+        states, actions, arrivals = (
+            torch.from_numpy(column).split(lengths) for column in (self.states, self.actions, self.next_states)
         )
+        over = self.terminated[last].tolist()
+        return [Episode(*parts) for parts in zip(states, actions, arrivals, over, strict=True)]
 
     def save(self, file: str | File) -> None:
         """Write a .npz file without pickled objects."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Sequence
 from typing import Any, Literal, get_args
 
@@ -14,7 +13,7 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from credit.core.errors import UserError, nearest
-from credit.envs.pointmaze.physics import Balls, Noise
+from credit.envs.pointmaze.physics import Balls, noise
 from credit.envs.pointmaze.task import Task
 
 Episodes = Literal["stream", "round"]
@@ -67,7 +66,7 @@ class PointMazeEnv(EnvBase):
         super().__init__(device=torch.device("cpu"), batch_size=torch.Size([n]))
         self.task, self.seeds, self.copies = task, tuple(seeds), copies
         self.episodes, self.reward, self.purpose = episodes, reward, purpose
-        self.balls = Balls(task, self._generators())
+        self.balls = Balls(task, noise(self.seeds, copies, purpose))
         self.resting = np.zeros(n, dtype=bool)
         flag = Binary(shape=(n, 1), dtype=torch.bool)
         self.observation_spec = Composite(
@@ -118,15 +117,7 @@ class PointMazeEnv(EnvBase):
     def _set_seed(self, seed: int | None) -> None:
         """Make replica r the one with seed `seed` + r."""
         self.seeds = tuple((seed or 0) + r for r in range(len(self.seeds)))
-        self.balls.noise = self._generators()
-
-    def _generators(self) -> list[Noise]:
-        key = zlib.crc32(f"pointmaze {self.purpose}".encode())
-        return [
-            np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(key, copy)))
-            for seed in self.seeds
-            for copy in range(self.copies)
-        ]
+        self.balls.noise = noise(self.seeds, self.copies, self.purpose)
 
     def _observed(self, reached: np.ndarray) -> TensorDict:
         states = torch.from_numpy(self.balls.states.astype(np.float32))

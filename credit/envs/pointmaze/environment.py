@@ -2,30 +2,31 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 import torch
-from tensordict import TensorDictBase
 from torch import Tensor
 
 from credit.core.errors import UserError
-from credit.core.interfaces import Act, Environment, Feedback
-from credit.core.trajectories import ContinuousProblem, Moves, Trajectories
-from credit.core.types import FLOAT, NonNegativeInt, Positive, PositiveInt
+from credit.core.problem import FLOAT, Problem
+from credit.core.ranges import NonNegativeInt, Positive, PositiveInt
+from credit.core.seams import Environment, Transitions
+from credit.core.state import pack, unpack
+from credit.core.steps import Steps
+from credit.core.store import Windows
 from credit.envs.pointmaze import minari
 from credit.envs.pointmaze.demonstrations import Demonstrations, describe, driven
-from credit.envs.pointmaze.geometry import Geometry
+from credit.envs.pointmaze.geometry import MazeKnowledge
 from credit.envs.pointmaze.maze import Cell, Maze
-from credit.envs.pointmaze.oracle import MazeOracle
-from credit.envs.pointmaze.rounds import Round, Rounds, trajectories
-from credit.envs.pointmaze.task import Task
+from credit.envs.pointmaze.physics import Balls, noise
+from credit.envs.pointmaze.task import RADIUS, Task
 
 OBSERVATIONS, ACTIONS = 4, 2
 PACE = 3.0  # m/s, of the moves in pictures
-PARTS = ("states", "lengths", "labels")  # of trajectories in a picture
 
 
 class PointMaze(Environment):
@@ -38,13 +39,11 @@ class PointMaze(Environment):
         demonstrations_from: read them from here: a file that `Demonstrations.save` wrote, or a Minari dataset (its
             folder or name). null drives them anew, from each run's seed.
         one_sided: what to do if all demonstrations have the same label: `go_on` or `stop`.
-        primitive: what an oracle is shown: `sparse` (1 at the goal) or `dense` (exp of minus the distance to it).
+        primitive: the reward: `sparse` (1 at the goal) or `dense` (exp of minus the distance to it).
         evaluation_episodes: episodes of each evaluation, of each policy.
         cap: the longest way (m) to a wall that features tell apart.
-        poison: NaN for the primitive reward wherever a learner could read it.
     """
 
-    domain: ClassVar = "continuous"
     setting: ClassVar = "episodic"
 
     def __init__(
@@ -60,7 +59,6 @@ class PointMaze(Environment):
         primitive: Literal["sparse", "dense"] = "sparse",
         evaluation_episodes: PositiveInt = 20,
         cap: Positive = 8.0,
-        poison: bool = False,
     ) -> None:
         self.maze = Maze.of(maze)
         self.begin, self.goal = _cell("start", start), _cell("goal", goal)
@@ -70,12 +68,10 @@ class PointMaze(Environment):
         self.primitive: Literal["sparse", "dense"] = primitive
         self.evaluation_episodes = evaluation_episodes
         self.cap = cap
-        self.poison = poison
 
-    @property
-    def geometry(self) -> Geometry:
-        """What a person knows about the maze, for feature maps."""
-        return Geometry(self.maze, self.goal, self.cap)
+    def knowledge(self) -> MazeKnowledge:
+        """The map and the nominal goal."""
+        return MazeKnowledge(self.maze, self.goal, self.cap)
 
     def task(self, horizon: int) -> Task:
         """From start to goal in at most H steps.
@@ -85,43 +81,81 @@ class PointMaze(Environment):
         """
         return Task(self.maze, self.begin, self.goal, horizon)
 
-    def problem(self, window: int, seeds: tuple[int, ...], device: Any) -> ContinuousProblem:
+    def problem(self, window: int, seeds: tuple[int, ...], device: torch.device | str) -> Problem:
         """Four numbers in a state, two in an action; refuses a task that cannot be done."""
         self.task(window)
-        return ContinuousProblem(OBSERVATIONS, ACTIONS, window, tuple(seeds), torch.device(device))
+        return Problem.vectors(OBSERVATIONS, ACTIONS, window, seeds, device)
 
-    def start(self, problem: ContinuousProblem) -> None:
+    def start(self, problem: Problem, copies: int = 1, purpose: str = "environment") -> None:
         """Read or drive the demonstrations; put all balls at rest.
 
         Raises:
             UserError: demonstrations that cannot be read or driven, or of one label where that is to stop the run.
         """
-        self._problem, self._task = problem, self.task(problem.window)
-        self._read = self._found() if self.demonstrations_from else None
-        known = [self.demonstrations_of(seed) for seed in problem.seeds]  # now, since not every task can be shown
-        if known[0].one_sided and self.one_sided == "stop":
-            raise UserError(f"env.one_sided=stop: {describe(known[0])} one_sided=go_on trains nevertheless")
-        self._rounds: dict[int, Rounds] = {}  # K → what collects K trajectories of each replica
-        self._evaluation = Rounds(self._task, problem, self.evaluation_episodes, "evaluation")
-        self._evaluated: Round | None = None
-        self.taken = problem.zeros()
+        if getattr(self, "_problem", None) is not problem:  # a twin need not read again what its original has
+            self._problem, self._task = problem, self.task(problem.window)
+            self._read = self._found() if self.demonstrations_from else None
+            known = [self.demonstrations_of(seed) for seed in problem.seeds]  # now: not every task can be shown
+            if known[0].one_sided and self.one_sided == "stop":
+                raise UserError(f"env.one_sided=stop: {describe(known[0])} one_sided=go_on trains nevertheless")
+        self._shape = (problem.replicas, copies)
+        self._balls = Balls(self._task, noise(problem.seeds, copies, purpose))
+        self._balls.reset()  # where they lie before the first episode: it takes a draw of its own
 
-    def demonstrations(self) -> tuple[Trajectories, Tensor] | None:
-        """The labelled trajectories that all methods start from, and their primitive rewards [N].
+    def twin(self) -> PointMaze:
+        """Another, to be started: that makes new balls."""
+        return copy.copy(self)
+
+    def reset(self, mask: Tensor | None = None) -> Tensor:
+        """Put balls back to the start, with new noise on goal and start."""
+        self._balls.reset(None if mask is None else np.flatnonzero(mask.cpu().numpy()).tolist())
+        self._goals = self._of_copies(self._balls.goals.copy())
+        return self._of_copies(self._balls.states.astype(np.float32))
+
+    def step(self, actions: Tensor, mask: Tensor | None = None) -> Transitions:
+        """Push the balls of the mask; the facts are `success` [R, K] and `goals`, where they are [R, K, 2]."""
+        balls = self._balls
+        moved = None if mask is None else np.flatnonzero(mask.cpu().numpy()).tolist()
+        balls.step(actions.cpu().numpy().reshape(-1, ACTIONS), moved)
+        distances = balls.distances
+        reached = distances <= RADIUS
+        rewards = np.exp(-distances).astype(np.float32) if self.primitive == "dense" else reached
+        success = self._of_copies(reached)
+        return Transitions(
+            self._of_copies(balls.states.astype(np.float32)),
+            self._of_copies(rewards.astype(np.float64)),  # `dense` is rounded as TorchRL's face has it
+            success,
+            self._of_copies(balls.elapsed >= self._task.horizon),
+            {"success": success, "goals": self._goals},
+        )
+
+    def state_dict(self) -> dict[str, Any]:
+        """Where the noise of the balls stands: between two rounds every ball is to be reset."""
+        return {"noise": pack(self._balls.noise, "noise")}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on with that noise."""
+        unpack(state["noise"], self._balls.noise, "noise")
+
+    def _of_copies(self, values: np.ndarray) -> Tensor:
+        """Values [R·K, ...] of the balls as [R, K, ...] on the problem's device."""
+        return torch.from_numpy(values.reshape(*self._shape, *values.shape[1:])).to(self._problem.device)
+
+    def demonstrations(self) -> tuple[Windows, Tensor] | None:
+        """The labelled trajectories that all methods start from, and their primitive rewards [R, n].
 
         Dense ones are by the nominal goal, since demonstrations do not say where theirs was.
         """
         drawn = [self.demonstrations_of(seed) for seed in self._problem.seeds]
         if not len(drawn[0]):
             return None
-        rows: TensorDictBase = torch.cat([one.rows() for one in drawn])
-        counts = torch.tensor([len(one.states) for one in drawn])
-        replica = torch.arange(len(drawn)).repeat_interleave(counts)
         labels = torch.stack([torch.from_numpy(one.labels).to(FLOAT) for one in drawn])
-        found = trajectories(rows, replica, rows["collector", "traj_ids"], labels.to(self._problem.device))
-        dense = self.primitive == "dense"
-        primitive = (-self.geometry.goal_distance(found.next_states)).exp() if dense else found.terminated.to(FLOAT)
-        return found, self._hidden(primitive)
+        found = Windows.of_episodes([one.episodes() for one in drawn], labels.to(self._problem.device))
+        if self.primitive == "sparse":
+            assert found.terminated is not None
+            return found, found.terminated.to(FLOAT)
+        near = (-self.knowledge().geometry.goal_distance(found.next_states)).exp()
+        return found, near if found.valid is None else near * found.valid
 
     def demonstrations_of(self, seed: int) -> Demonstrations:
         """The demonstrations of one run."""
@@ -138,31 +172,7 @@ class PointMaze(Environment):
         """SHA-256 of the demonstrations of each replica."""
         return {"demonstrations": [self.demonstrations_of(seed).digest for seed in self._problem.seeds]}
 
-    def collect(self, act: Act, feedback: Feedback, windows: int, steps: int) -> tuple[Trajectories, Tensor]:
-        """Some whole trajectories of each replica, and their primitive rewards [N]; the feedback sees 1 at the goal."""
-        taken, device = self._of(windows).run(act), self._problem.device
-        self.taken += taken.lengths.sum(1).to(self.taken)
-        labels = feedback(taken.at_goal(steps).to(device))
-        found = trajectories(taken.rows, taken.replica, taken.number, labels)
-        return found, self._hidden(taken.primitive.to(device))
-
-    def state_dict(self) -> dict[str, Any]:
-        """Where the noise of the balls of every purpose stands, and the steps taken: rounds start from the start."""
-        rounds = {count: rounds.state_dict() for count, rounds in self._rounds.items()}
-        return {"rounds": rounds, "evaluation": self._evaluation.state_dict(), "taken": self.taken.cpu().clone()}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on with that noise."""
-        for count, rounds in state["rounds"].items():
-            self._of(count).load_state_dict(rounds)
-        self._evaluation.load_state_dict(state["evaluation"])
-        self.taken.copy_(state["taken"])
-
-    def oracle(self, problem: ContinuousProblem, feedback: Feedback) -> MazeOracle:
-        """Success of the policies in episodes of their own, with noise of their own."""
-        return MazeOracle(problem, self._evaluate, lambda: self.taken)
-
-    def grid(self, per_cell: int = 4) -> Moves:
+    def grid(self, per_cell: int = 4) -> Steps:
         """Where pictures look at a reward [N]: per_cell² places in each free cell from which the goal can be reached.
 
         At each the ball moves, and is pushed, towards the next cell of a shortest way. A ball at rest would look like
@@ -180,47 +190,24 @@ class PointMaze(Environment):
         )
         actions = torch.nn.functional.normalize(ways)
         states = torch.cat([places, PACE * actions], dim=1).to(self._problem.device)
-        whose = torch.zeros(len(states), dtype=torch.int64, device=states.device)
-        return Moves(states, actions.to(states.device), states, whose)
+        return Steps(states, actions.to(states.device), states)
 
     def picture(self, replica: int) -> dict[str, np.ndarray]:
-        """The maze, the demonstrations of a run, and its last evaluation.
+        """The maze and the demonstrations of a run.
 
-        `maze/walls` [rows, columns], `maze/start`, `maze/goal` (row, column); `<part>/states` [n, 4], trajectory after
-        trajectory, `<part>/lengths` and `<part>/labels` [K] of `demonstrations` and `evaluation`;
-        `demonstrations/kinds` [K], `evaluation/goals` [K, 2] where the goals really were.
+        `maze/walls` [rows, columns], `maze/start`, `maze/goal` (row, column); `demonstrations/states` [n, 4],
+        trajectory after trajectory, `demonstrations/lengths`, `/labels` and `/kinds` [K].
         """
-        shown, last = self.demonstrations_of(self._problem.seeds[replica]), self._evaluated
-        assert last is not None
-        parts = {
-            "demonstrations": (shown.states, shown.lengths, shown.labels),
-            "evaluation": (
-                last.rows["observation"][last.replica == replica].numpy(),
-                last.lengths[replica].numpy(),
-                last.success[replica].double().numpy(),
-            ),
+        shown = self.demonstrations_of(self._problem.seeds[replica])
+        return {
+            "maze/walls": self.maze.grid,
+            "maze/start": np.array(self.begin),
+            "maze/goal": np.array(self.goal),
+            "demonstrations/states": shown.states,
+            "demonstrations/lengths": shown.lengths,
+            "demonstrations/labels": shown.labels,
+            "demonstrations/kinds": shown.kinds,
         }
-        arrays = {"maze/walls": self.maze.grid, "maze/start": np.array(self.begin), "maze/goal": np.array(self.goal)}
-        for part, columns in parts.items():
-            arrays |= {f"{part}/{name}": column for name, column in zip(PARTS, columns, strict=True)}
-        return arrays | {"demonstrations/kinds": shown.kinds, "evaluation/goals": last.goals[replica].numpy()}
-
-    def _of(self, count: int) -> Rounds:
-        """What collects so many trajectories of each replica."""
-        if count not in self._rounds:
-            purpose = f"environment, {count} at once"
-            self._rounds[count] = Rounds(self._task, self._problem, count, purpose, self.primitive)
-        return self._rounds[count]
-
-    def _evaluate(self, name: str, act: Act) -> Round:
-        """One round of episodes with noise of their own; that of the behaviour policy is kept for pictures."""
-        found = self._evaluation.run(act)
-        if name == "behaviour":
-            self._evaluated = found
-        return found
-
-    def _hidden(self, primitive: Tensor) -> Tensor:
-        return torch.full_like(primitive, torch.nan) if self.poison else primitive
 
     def _found(self) -> Demonstrations:
         source = str(self.demonstrations_from)

@@ -7,45 +7,54 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from credit.core.interfaces import FeatureMap
-from credit.core.trajectories import ContinuousProblem, Moves
-from credit.envs.pointmaze.environment import PointMaze
+from credit.core.errors import UserError
+from credit.core.problem import Problem
+from credit.core.seams import FeatureMap
+from credit.core.steps import Steps
+from credit.envs.pointmaze.geometry import Geometry, MazeKnowledge
 
 
 class _OfMaze(FeatureMap):
     """What reads a map."""
 
-    domain: ClassVar = "continuous"
-    needs: ClassVar = {"env": PointMaze}
+    observations: ClassVar = "vector"
+    actions: ClassVar = "vector"
+    knows: ClassVar = MazeKnowledge
+    keeps: ClassVar = ()
+    _geometry: Geometry | None = None
 
-    def __init__(self, env: PointMaze) -> None:
-        self.env = env
-
-    def start(self, problem: ContinuousProblem) -> None:
+    def learn(self, knowledge: MazeKnowledge) -> None:
         """Lay out the map."""
-        self.geometry = self.env.geometry
+        self._geometry = knowledge.geometry
+
+    def start(self, problem: Problem) -> None:
+        """Nothing to learn of the sizes.
+
+        Raises:
+            UserError: nobody told it the map.
+        """
+        _ = self.geometry
+
+    @property
+    def geometry(self) -> Geometry:
+        """The map, laid out."""
+        if self._geometry is None:
+            raise UserError(f"{type(self).__name__} has no map yet: call learn(env.knowledge()) before start")
+        return self._geometry
 
 
 class MazeCells(_OfMaze):
-    """One feature a free cell, that of the state: a ridge on them is the box surrogate.
+    """One feature a free cell, that of the state: a ridge on them is the box surrogate."""
 
-    Args:
-        env: the maze; taken from the environment.
-    """
-
-    def __call__(self, steps: Moves) -> Tensor:  # type: ignore[override]
-        """One-hot rows [N, free cells], float32, in the order of `maze.free`."""
+    def __call__(self, steps: Steps) -> Tensor:
+        """One-hot rows [..., free cells], bool, in the order of `maze.free`."""
         cells = self.geometry.cells(steps.states)
-        return torch.nn.functional.one_hot(cells, len(self.env.maze.free)).float()
+        return torch.nn.functional.one_hot(cells, len(self.geometry.maze.free)).bool()
 
 
 class MazeGeometry(_OfMaze):
-    """What a person would look at: (d_goal, n_wall, d_next_wall), the features of the heuristic surrogate (6.3).
+    """What a person would look at: (d_goal, n_wall, d_next_wall), the features of the heuristic surrogate (6.3)."""
 
-    Args:
-        env: the maze and its nominal goal; taken from the environment.
-    """
-
-    def __call__(self, steps: Moves) -> Tensor:  # type: ignore[override]
-        """Rows [N, 3], float32: distance to the goal (m), wall cells on the line to it, way to the next wall (m)."""
+    def __call__(self, steps: Steps) -> Tensor:
+        """Rows [..., 3], float32: distance to the goal (m), wall cells on the line to it, way to the next wall (m)."""
         return self.geometry.features(steps.states, steps.actions).float()

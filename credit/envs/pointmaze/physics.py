@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+import zlib
 from collections.abc import Iterable, Sequence
 from functools import cache
 from typing import Any, Protocol
@@ -118,6 +119,16 @@ class Balls:
     def _moved(self, i: int, centre: tuple[float, float]) -> tuple[float, float]:
         x = centre[0] + self.noise[i].uniform(-NOISE, NOISE)
         return x, centre[1] + self.noise[i].uniform(-NOISE, NOISE)
+
+
+def noise(seeds: Sequence[int], copies: int, purpose: str) -> list[Noise]:
+    """A generator for each of K copies of each replica, which depends on (seed, copy, purpose) alone."""
+    key = zlib.crc32(f"pointmaze {purpose}".encode())
+    return [
+        np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(key, copy)))
+        for seed in seeds
+        for copy in range(copies)
+    ]
 
 
 @cache

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from typing import Annotated, Any
@@ -13,7 +14,9 @@ from torch import Tensor
 
 from credit.core.cells import Cells
 from credit.core.errors import UserError
-from credit.core.types import FLOAT, Probability
+from credit.core.knowledge import KnownTransitions
+from credit.core.problem import FLOAT, Problem
+from credit.core.ranges import Probability
 from credit.envs.exact.episodic import EpisodicEnvironment, EpisodicGymEnv, SuccessorMDP
 
 # A state (25) is the number with these digits, most significant first; vitals are low, normal, high = 0, 1, 2. An
@@ -63,6 +66,30 @@ def reward(states: Tensor) -> Tensor:
     return ((wrong == 0) & (treated == 0)).to(FLOAT) - (wrong >= 3).to(FLOAT)
 
 
+@dataclass(frozen=True)
+class SepsisKnowledge(KnownTransitions):
+    """What a clinician knows of a state's number: the digits that it has, and that the vitals move independently.
+
+    Attributes:
+        digits: name → how many values, most significant first.
+    """
+
+    digits: Mapping[str, int]
+
+
+def require_patients(who: str, problem: Problem) -> None:
+    """Refuse states that are no patients.
+
+    Raises:
+        UserError: names the component, what it knows, and what the problem has.
+    """
+    if (problem.states, problem.actions) != (STATES, ACTIONS):
+        raise UserError(
+            f"{who} knows patients of env=sepsis ({STATES} states, {ACTIONS} actions), and the environment has "
+            f"{problem.states} states and {problem.actions} actions; choose another component in its place"
+        )
+
+
 class Sepsis(EpisodicEnvironment):
     """Sepsis simulator (6.2): 1296 states, 8 treatments; the reward looks at the state a step leads to (26).
 
@@ -88,7 +115,6 @@ class Sepsis(EpisodicEnvironment):
         vasopressors_glucose: vasopressors raise glucose by one level, with diabetes.
         vasopressors_withdrawn: without them a step later, blood pressure falls by one level, without diabetes.
         vasopressors_withdrawn_diabetes: the same with diabetes.
-        poison: replace the primitive reward by NaN wherever a learner could read it.
     """
 
     def __init__(
@@ -113,9 +139,7 @@ class Sepsis(EpisodicEnvironment):
         vasopressors_glucose: Probability = 0.5,
         vasopressors_withdrawn: Probability = 0.1,
         vasopressors_withdrawn_diabetes: Probability = 0.05,
-        poison: bool = False,
     ) -> None:
-        super().__init__(poison)
         if vasopressors_low_to_normal + vasopressors_low_to_high > 1:
             raise UserError(
                 f"env.vasopressors_low_to_normal + env.vasopressors_low_to_high = "
@@ -164,6 +188,10 @@ class Sepsis(EpisodicEnvironment):
         diabetes_of_row, action_of_row = row // (VITALS * ACTIONS * ACTIONS), row % ACTIONS
         successors = (diabetes_of_row * VITALS + torch.arange(VITALS)) * ACTIONS + action_of_row
         return SuccessorMDP(successors, table.reshape(-1, VITALS), reward(torch.arange(STATES)), self.initial)
+
+    def knowledge(self) -> SepsisKnowledge:
+        """The digits of a patient's number; and P, for oracles."""
+        return SepsisKnowledge(self.mdp.transitions.backup, RADIX)
 
     def summary(self, cells: Cells) -> dict[str, Tensor]:
         """How many vitals are abnormal, and how many treatments are given: of s', or in s and by the action."""

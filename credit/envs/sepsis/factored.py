@@ -8,8 +8,10 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from credit.core.types import FLOAT, Positive, Probability, Problem, Windows
-from credit.envs.sepsis.environment import ACTIONS, STATES, decode
+from credit.core.problem import FLOAT, Problem
+from credit.core.ranges import Positive, Probability
+from credit.core.store import Windows
+from credit.envs.sepsis.environment import ACTIONS, STATES, SepsisKnowledge, decode, require_patients
 from credit.planning.counts import ObservedCounts
 
 VITALS, LEVELS, TREATMENTS = 4, 3, 8
@@ -32,7 +34,7 @@ class FactoredMixture(ObservedCounts):
             little, as a self-loop would; spread evenly alone, an untried treatment looks dangerous and stays untried.
     """
 
-    domain: ClassVar = "tabular"
+    knows: ClassVar = SepsisKnowledge
 
     def __init__(self, pseudo_counts: Positive = 2.0, level_counts: Positive = 1.0, inertia: Probability = 0.9) -> None:
         self.pseudo_counts = pseudo_counts
@@ -40,7 +42,12 @@ class FactoredMixture(ObservedCounts):
         self.inertia = inertia
 
     def start(self, problem: Problem) -> None:
-        """Only the pseudo-counts."""
+        """Only the pseudo-counts.
+
+        Raises:
+            UserError: the states are no patients.
+        """
+        require_patients(type(self).__name__, problem)
         super().start(problem)
         self._moves = problem.zeros(VITALS, *CONTEXT, LEVELS)
         self._joint = self._pairs_of_vitals()

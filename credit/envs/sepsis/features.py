@@ -9,10 +9,10 @@ import torch
 from torch import Tensor
 
 from credit.core.cells import PAIRS, Axis
-from credit.core.errors import UserError
-from credit.core.interfaces import FeatureMap
-from credit.core.types import FLOAT, Problem, Steps
-from credit.envs.sepsis.environment import ACTIONS, RADIX, STATES, abnormal, decode, treatments
+from credit.core.problem import FLOAT, Problem
+from credit.core.seams import FeatureMap
+from credit.core.steps import Steps
+from credit.envs.sepsis.environment import RADIX, SepsisKnowledge, abnormal, decode, require_patients, treatments
 
 Whom = Literal["state", "next_state"]  # whom a map describes: the patient before the step, or the one it leads to
 
@@ -20,7 +20,9 @@ Whom = Literal["state", "next_state"]  # whom a map describes: the patient befor
 class _Patients(FeatureMap):
     """What works on patients alone."""
 
-    domain: ClassVar = "tabular"
+    observations: ClassVar = "finite"
+    actions: ClassVar = "finite"
+    knows: ClassVar = SepsisKnowledge
 
     def start(self, problem: Problem) -> None:
         """Nothing to learn.
@@ -28,11 +30,7 @@ class _Patients(FeatureMap):
         Raises:
             UserError: the states are no patients.
         """
-        if (problem.states, problem.actions) != (STATES, ACTIONS):
-            raise UserError(
-                f"{type(self).__name__} describes patients of env=sepsis ({STATES} states, {ACTIONS} actions), and the "
-                f"environment has {problem.states} states and {problem.actions} actions; choose other features"
-            )
+        require_patients(type(self).__name__, problem)
 
 
 class _OfPatient(_Patients):

@@ -7,18 +7,20 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from credit.core.interfaces import FeatureMap
-from credit.core.trajectories import ContinuousProblem, Moves
+from credit.core.problem import Problem
+from credit.core.seams import FeatureMap
+from credit.core.steps import Steps
 
 
 class Motion(FeatureMap):
     """State and action side by side, (x, y, vx, vy, ax, ay) in a maze: what the DNN reference looks at (3.2)."""
 
-    domain: ClassVar = "continuous"
+    observations: ClassVar = "vector"
+    actions: ClassVar = "vector"
 
-    def start(self, problem: ContinuousProblem) -> None:
+    def start(self, problem: Problem) -> None:
         """Nothing to learn."""
 
-    def __call__(self, steps: Moves) -> Tensor:  # type: ignore[override]
+    def __call__(self, steps: Steps) -> Tensor:
         """Rows [N, O + A], float32."""
         return torch.cat([steps.states, steps.actions], -1).float()

@@ -9,8 +9,10 @@ import torch
 from torch import Tensor
 
 from credit.core.cells import PAIRS, Axis, Cells
-from credit.core.interfaces import FeatureMap
-from credit.core.types import FLOAT, NonNegativeInt, Problem, Steps
+from credit.core.problem import FLOAT, Problem
+from credit.core.ranges import NonNegativeInt
+from credit.core.seams import FeatureMap
+from credit.core.steps import Steps
 
 
 class Identity(FeatureMap):
@@ -20,7 +22,8 @@ class Identity(FeatureMap):
         looks_at: what it tells apart.
     """
 
-    domain: ClassVar = "tabular"
+    observations: ClassVar = "finite"
+    actions: ClassVar = "finite"
 
     def __init__(self, looks_at: Sequence[Axis] = PAIRS) -> None:
         self.looks_at = looks_at
@@ -37,7 +40,8 @@ class Identity(FeatureMap):
 class Bilinear(FeatureMap):
     """The features (1, s, a, s·a) of the advertiser's linear surrogate (3.3)."""
 
-    domain: ClassVar = "tabular"
+    observations: ClassVar = "finite"
+    actions: ClassVar = "finite"
 
     def start(self, problem: Problem) -> None:
         """Nothing to learn."""
@@ -55,7 +59,8 @@ class Threshold(FeatureMap):
         threshold: the last low state.
     """
 
-    domain: ClassVar = "tabular"
+    observations: ClassVar = "finite"
+    actions: ClassVar = "finite"
 
     def __init__(self, threshold: NonNegativeInt = 4) -> None:
         self.threshold = threshold

@@ -1,41 +1,36 @@
-"""Trajectories for networks: a padded part of their steps, and which of them stand in a batch."""
+"""Windows for networks: a padded part of their steps, and which of them stand in a batch."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from credit.core.streams import generators
-from credit.core.trajectories import Trajectories
+from credit.core.store import Windows
 
 
 class Steps(NamedTuple):
-    """P steps of each of K trajectories: their rows, and how many steps each stands for, 0 where it is padding.
+    """P steps of each of K windows: their rows, and how many steps each stands for, 0 where it is padding.
 
     Attributes:
-        rows: int64 [R, K, P]. weights: float32 [R, K, P]; those of a trajectory sum to its length.
+        rows: int64 [R, K, P]. weights: float32 [R, K, P]; those of a window sum to its length.
     """
 
     rows: Tensor
     weights: Tensor
 
 
-def every(trajectories: Trajectories, stride: int, window: int) -> Steps:
+def every(windows: Windows, stride: int, window: int) -> Steps:
     """Every stride-th step, counted back from the last one; each stands for those up to the one before it.
 
     Args:
-        window: H. The padding depends on it alone, so that a replica has the same in any batch.
+        window: H. The padding depends on it alone: one shape, whatever came.
     """
-    ends = torch.zeros_like(trajectories.labels, dtype=torch.int64)
-    (last,) = trajectories.final.nonzero(as_tuple=True)
-    ends[trajectories.replica[last], trajectories.number[last]] = last
-    back = stride * torch.arange(padding(stride, window), device=ends.device)
-    weights = (trajectories.lengths.unsqueeze(-1) - back).clamp(0, stride).float()
-    return Steps(torch.where(weights > 0, ends.unsqueeze(-1) - back, ends.unsqueeze(-1)), weights)
+    back = stride * torch.arange(padding(stride, window), device=windows.labels.device)
+    weights = (windows.lengths.unsqueeze(-1) - back).clamp(0, stride).float()
+    ends = windows.ends.unsqueeze(-1)
+    return Steps(torch.where(weights > 0, ends - back, ends), weights)
 
 
 def balanced(labels: Tensor, uniform: Tensor) -> Tensor:
@@ -62,9 +57,3 @@ def balanced(labels: Tensor, uniform: Tensor) -> Tensor:
 def padding(stride: int, window: int) -> int:
     """P = ⌈H / stride⌉."""
     return -(-window // stride)
-
-
-def side_by_side(seeds: Sequence[int], purpose: str, members: int) -> list[np.random.Generator]:
-    """One generator for each of E networks of each replica, those of a replica together."""
-    each = [generators(seeds, f"{purpose} {member}") for member in range(members)]
-    return [generator for own in zip(*each, strict=True) for generator in own]

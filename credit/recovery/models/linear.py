@@ -8,72 +8,143 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
+from credit.core.belief import Estimate
 from credit.core.cells import Axis
-from credit.core.interfaces import FeatureMap
-from credit.core.tables import RidgeModel
-from credit.core.tensors import matvec
-from credit.core.types import FLOAT, Credit, Estimate, Positive, Problem, Windows
+from credit.core.errors import RunError, UserError
+from credit.core.problem import FLOAT, Problem
+from credit.core.ranges import Credit, Positive
+from credit.core.seams import FeatureMap, Places
+from credit.core.steps import Steps
+from credit.core.store import Store
+from credit.core.tensors import by_replica, matvec
+from credit.recovery.models.ridge import RidgeModel
+from credit.recovery.uncertainty.bootstrap import FitUncertainty
+
+LARGEST = 10**9  # numbers in the inverses of all fits, 8 GB
 
 
 class LinearModel(RidgeModel):
     """Linear in a feature map, fitted to window labels by ridge regression (4), (6).
 
-    θ = argmin Σ_i w_i (Y_i − x_iᵀθ)² + λ‖θ‖², with x_i = Σ_{t∈i} φ(s_t, a_t). On the identity map this is the tabular
-    ridge reference, on four features the linear surrogate. R × (1 + B) fits are kept as V⁻¹ = (XᵀWX + λI)⁻¹ and θ and
-    updated by the Sherman–Morrison formula (recursive least squares): exact, O(d²) a window whatever came before.
+    θ = argmin Σ_i w_i (Y_i − x_iᵀθ)² + λ‖θ‖², with x_i = Σ_{t∈i} φ(s_t, a_t) / unit. On the identity map this is the
+    tabular ridge reference, on four features the linear surrogate, on the cells of a maze the box surrogate (3.3).
+    R × (1 + B) fits are kept as V⁻¹ = (XᵀWX + λI)⁻¹ and θ and updated by the Sherman–Morrison formula (recursive least
+    squares): exact, O(d²) a window whatever came before.
 
     Args:
         name: the model's name in metrics, files and figures.
         features: the feature map φ.
+        uncertainty: further fits with other weights, or the variance of ridge regression.
         regularization: λ > 0.
-        credit: which steps of a window share its label: every one alike, or the last alone.
+        credit: which steps of a window share its label: every one alike, or the last alone (on tables).
+        unit: steps that are counted as one: it sets the scale on which λ acts.
     """
 
-    keeps: ClassVar = ("_inverse", "_theta")
+    keeps: ClassVar = ("_inverse", "_theta", "_cost", "_windows")
 
     def __init__(
-        self, name: str, features: FeatureMap, regularization: Positive = 0.1, credit: Credit = "every_step"
+        self,
+        name: str,
+        features: FeatureMap,
+        uncertainty: FitUncertainty,
+        regularization: Positive = 0.1,
+        credit: Credit = "every_step",
+        unit: Positive = 1.0,
     ) -> None:
         self.name = name
         self.features = features
+        self.uncertainty = uncertainty
         self.regularization = regularization
         self.credit = credit
+        self.unit = unit
 
     @property
     def looks_at(self) -> Collection[Axis]:  # type: ignore[override]
         """What the features read, and the step where only the last one counts."""
         return {*self.features.looks_at, *(("step",) if self.credit == "last_step" else ())}
 
-    def start(self, problem: Problem, draws: int) -> None:
-        """Empty fits: θ = 0, V = λI."""
-        self._cells = problem.cells
+    def start(self, problem: Problem, places: Places) -> None:
+        """Empty fits: θ = 0, V = λI.
+
+        Raises:
+            UserError: credit to the last step, where there is no table; or too many features.
+        """
+        if self.credit == "last_step" and places.cells is None:
+            raise UserError(
+                f"reward model {self.name!r}: credit=last_step needs states and actions that are numbers; "
+                "use credit=every_step"
+            )
+        self._problem, self._last = problem, problem.window - 1
         self.features.start(problem)
-        steps = problem.cells.steps(problem.device)
-        self.table = self.features(steps)
-        if self.credit == "last_step":
-            self.table = self.table * (steps.times == problem.window - 1).unsqueeze(-1)
-        self._shape = (problem.replicas, 1 + draws, self.table.shape[-1])
+        self.uncertainty.start(problem)
+        self._tabular, self._look = places.cells is not None, places.look(self._phi)
+        self._shape = (problem.replicas, 1 + self.uncertainty.draws, self._phi(problem.blank()).shape[-1])
+        replicas, fits, size = self._shape
+        if (numbers := replicas * fits * size**2) > LARGEST:
+            raise UserError(
+                f"reward model {self.name!r}: {size} features, {fits} fits and {replicas} seeds need {numbers:.1e} "
+                f"numbers, at most {LARGEST:.0e} are kept; use reward=ridge_table for a table of many cells, fewer "
+                "features, or fewer seeds side by side (replicas)"
+            )
         self._reset()
+
+    def _phi(self, steps: Steps) -> Tensor:
+        """φ as the fits see it, in the type in which it is kept."""
+        values = self.features(steps)
+        return values if self.credit == "every_step" else values * (steps.times == self._last).unsqueeze(-1)
 
     def _reset(self) -> None:
         replicas, fits, size = self._shape
-        eye = torch.eye(size, dtype=FLOAT, device=self.table.device) / self.regularization
+        eye = torch.eye(size, dtype=FLOAT, device=self._problem.device) / self.regularization
         self._inverse = eye.repeat(replicas, fits, 1, 1)
         self._theta = eye.new_zeros(self._shape)
+        self._cost = eye.new_zeros(replicas)  # Σ_i (Y_i − x_iᵀθ)² + λ‖θ‖² of the point fit
+        self._windows = 0
 
-    def observe(self, windows: Windows, weights: Tensor) -> None:
-        """Update every fit with windows [R, K, T] and weights [R, K, 1+B]."""
-        sums = self.window_features(windows)
+    def observe(self, store: Store) -> None:
+        """Update every fit with the newest windows, or fit all windows anew, as the uncertainty has it.
+
+        Raises:
+            RunError: a label or a feature is not finite.
+        """
+        weights, anew = self.uncertainty.weights(store)
+        windows = store.windows if anew else store.new
+        sums = windows.sums(self._look.rows(windows, newest=not anew).to(FLOAT))
+        self.fit(sums if self.unit == 1 else sums / self.unit, windows.labels, weights, anew)
+        if not (self._tabular or self._theta.isfinite().all()):  # tables have the features of their cells
+            bad = (~self._theta.flatten(1).isfinite().all(1)).nonzero().flatten().tolist()
+            seeds = ", ".join(str(self._problem.seeds[replica]) for replica in bad)
+            raise RunError(
+                f"reward model {self.name!r}: a coefficient of seed {seeds} is not finite after {len(store)} windows; "
+                "are labels and states finite?"
+            )
+
+    def fit(self, sums: Tensor, labels: Tensor, weights: Tensor, anew: bool = False) -> None:
+        """Update every fit.
+
+        Args:
+            sums: x [R, k, d]. labels: Y [R, k]. weights: [R, k, 1+B]. anew: forget what was before.
+        """
+        if anew:
+            self._solve(sums, labels, weights)
+        elif sums.shape[1] > self._shape[-1]:
+            self._absorb(sums, labels, weights)
+        else:
+            self._step(sums, labels, weights)
+        self._windows = labels.shape[1] + (0 if anew else self._windows)
+
+    def _step(self, sums: Tensor, labels: Tensor, weights: Tensor) -> None:
+        """One window after the other, by the Sherman–Morrison formula."""
         replicas, fits, size = self._shape
-        if sums.shape[1] > size:
-            self._absorb(sums, windows.labels, weights)
-            return
         flat = self._inverse.view(replicas * fits, size, size)
         for k in range(sums.shape[1]):
             x, w = sums[:, k], weights[:, k]
             u = matvec(self._inverse.view(replicas, fits * size, size), x).view(self._shape)
-            gain = u * (w / torch.addcmul(torch.ones_like(w), w, matvec(u, x))).unsqueeze(-1)
-            error = windows.labels[:, k : k + 1] - matvec(self._theta, x)
+            scale = torch.addcmul(torch.ones_like(w), w, matvec(u, x))
+            gain = u * (w / scale).unsqueeze(-1)
+            error = labels[:, k : k + 1] - matvec(self._theta, x)
+            if self.uncertainty.sees_residuals:
+                self._cost += error[:, 0].square() / scale[:, 0]
             flat.baddbmm_(gain.view(-1, size, 1), u.view(-1, 1, size), alpha=-1)
             self._theta.addcmul_(gain, error.unsqueeze(-1))
 
@@ -81,44 +152,79 @@ class LinearModel(RidgeModel):
         """The same for more windows than features, [R, K, d]: one inverse is cheaper than K updates."""
         weighted = x.unsqueeze(1) * weights.mT.unsqueeze(-1)  # [R, F, K, d]
         precision = torch.linalg.inv(self._inverse) + weighted.mT @ x.unsqueeze(1)
-        self._inverse = torch.linalg.inv(precision).contiguous()
         error = labels.unsqueeze(1) - self._theta @ x.mT
-        self._theta += (self._inverse @ (weighted.mT @ error.unsqueeze(-1))).squeeze(-1)
+        self._inverse = torch.linalg.inv(precision).contiguous()
+        step = (self._inverse @ (weighted.mT @ error.unsqueeze(-1))).squeeze(-1)
+        if self.uncertainty.sees_residuals:  # ‖e‖² − eᵀXΔθ = eᵀ(I + XVXᵀ)⁻¹e
+            self._cost += error[:, 0].square().sum(-1) - (error[:, 0] * (x @ step[:, 0].unsqueeze(-1)).squeeze(-1)).sum(
+                -1
+            )
+        self._theta += step
 
-    def refit(self, windows: Windows, weights: Tensor) -> None:
-        """Forget everything and solve the weighted normal equations of windows [R, K, T]."""
+    def _solve(self, x: Tensor, labels: Tensor, weights: Tensor) -> None:
+        """Forget everything and solve the weighted normal equations."""
         self._reset()
-        x = self.window_features(windows)
         penalty = self.regularization * torch.eye(x.shape[-1], dtype=FLOAT, device=x.device)
         for fit in range(weights.shape[-1]):  # one fit at a time bounds the memory to that of the windows
             weighted = x * weights[..., fit].unsqueeze(-1)
             inverse = torch.linalg.inv(weighted.mT @ x + penalty)
             self._inverse[:, fit] = inverse
-            self._theta[:, fit] = (inverse @ (weighted.mT @ windows.labels.unsqueeze(-1))).squeeze(-1)
+            self._theta[:, fit] = (inverse @ (weighted.mT @ labels.unsqueeze(-1))).squeeze(-1)
 
-    def estimate(self, cells: Tensor | None = None) -> Estimate:
-        """Predictions Φθ for some cells [R, n], or for all: the point fit and the B draws."""
-        values = self._theta @ (self.table if cells is None else self.table[cells]).mT
-        return Estimate(values[:, 0], values[:, 1:])
+    def estimate(self, at: Tensor | None = None) -> Estimate:
+        """Predictions Φθ for some places [R, n], or for all: the point fit and the B draws."""
+        return self._predict(self._look.places(at))
 
-    def looks(self, problem: Problem) -> Tensor:
+    def believe(self, steps: Steps) -> Estimate:
+        """Predictions for other steps [n]."""
+        return self._predict(self._phi(steps))
+
+    def _predict(self, phi: Tensor) -> Estimate:
+        """What φ [N, d] or [R, N, d] comes to."""
+        if self._tabular:
+            phi = phi if self.unit == 1 else phi / self.unit
+            values = self._theta @ phi.mT
+            leverage = None
+        else:
+            phi = phi.expand(len(self._theta), *phi.shape[-2:])
+            found = by_replica(self._rows, phi, self._theta, self._inverse[:, 0])
+            values, leverage = found[:, :-1], found[:, -1]
+        draws = values[:, 1:]
+        variance = self.uncertainty.variance(
+            draws, lambda: self._leverage(phi) if leverage is None else leverage, self.residual
+        )
+        return Estimate(values[:, 0], variance, draws)
+
+    def _rows(self, phi: Tensor, theta: Tensor, inverse: Tensor) -> Tensor:
+        """Predictions of all fits [r, F, n], and behind them φᵀV⁻¹φ [r, 1, n]; single steps are many."""
+        phi = phi.to(FLOAT) / self.unit
+        return torch.cat([theta @ phi.mT, ((phi @ inverse) * phi).sum(-1).unsqueeze(1)], dim=1)
+
+    def looks(self) -> Tensor:
         """Cells with the same features have the same prediction."""
-        return torch.unique(self.table, dim=0, return_inverse=True)[1]
-
-    def window_features(self, windows: Windows) -> Tensor:
-        """x_i = Σ_t φ(s_t, a_t) of every window, [R, K, d]."""
-        return self.table[self._cells.index(windows)].sum(-2)
+        return torch.unique(self._look.places(), dim=0, return_inverse=True)[1]
 
     @property
     def theta(self) -> Tensor:
-        """The point fit's coefficients [R, d]."""
+        """The point fit's coefficients [R, d]: reward for `unit` steps."""
         return self._theta[:, 0]
 
+    def residual(self) -> Tensor:
+        """Mean squared error of the point fit's labels [R], 0 before the first; kept where the uncertainty asks."""
+        cost = self._cost - self.regularization * self.theta.square().sum(-1)
+        return cost.clamp(min=0) / max(self._windows, 1)
+
     def leverage(self) -> Tensor:
-        """φᵀV⁻¹φ of every cell [R, N], the squared width of the proof's confidence set (38)."""
-        return torch.einsum("nd,rde,ne->rn", self.table, self._inverse[:, 0], self.table)
+        """φᵀV⁻¹φ of every place [R, N], the squared width of the proof's confidence set (38)."""
+        phi = self._look.places()
+        if self._tabular:
+            return self._leverage(phi if self.unit == 1 else phi / self.unit)
+        return by_replica(self._rows, phi, self._theta, self._inverse[:, 0])[:, -1]
+
+    def _leverage(self, phi: Tensor) -> Tensor:
+        return torch.einsum("nd,rde,ne->rn", phi, self._inverse[:, 0], phi)
 
     def perturbation(self, normal: Tensor) -> Tensor:
         """Φ L z with L Lᵀ = V⁻¹ for standard normal z [R, d]: a posterior draw of the reward, less its mean [R, N]."""
         factor = torch.linalg.cholesky(self._inverse[:, 0])
-        return (self.table @ (factor @ normal.unsqueeze(-1))).squeeze(-1)
+        return (self._look.places() @ (factor @ normal.unsqueeze(-1))).squeeze(-1)

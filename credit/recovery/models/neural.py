@@ -2,28 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from typing import ClassVar
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from credit.core.continuous import NetworkUncertainty, StepModel
+from credit.core.belief import Estimate
+from credit.core.cells import Axis
 from credit.core.errors import RunError
-from credit.core.interfaces import FeatureMap
+from credit.core.problem import Problem
+from credit.core.ranges import NonNegative, Positive, PositiveInt
+from credit.core.seams import FeatureMap, Places, RewardModel
+from credit.core.steps import Steps
+from credit.core.store import Store, Windows
+from credit.core.streams import side_by_side
 from credit.core.tensors import CACHED
-from credit.core.trajectories import ContinuousProblem, Moves, Trajectories
-from credit.core.types import NonNegative, Positive, PositiveInt
 from credit.networks.adam import Adam
 from credit.networks.denormals import flushed
 from credit.networks.stack import Shape, Stack, Tape
-from credit.recovery.models.batches import balanced, every, padding, side_by_side
+from credit.recovery.models.batches import balanced, every, padding
+from credit.recovery.uncertainty.networks import NetworkUncertainty
 
 TINY = 1e-6  # a feature with a smaller deviation is a constant, and is not scaled
 
 
-class NeuralModel(StepModel):
-    """A perceptron on a feature map, output / H, fitted to trajectory labels by Adam (5).
+class NeuralModel(RewardModel):
+    """A perceptron on a feature map, output / H, fitted to window labels by Adam (5).
 
     Minimised is the mean over trajectories of (Y − Σ_t r̃)² + λ Σ_t |r̃|, in batches half of successes and half of
     failures, on every stride-th step. On the motion of a body it is the DNN reference, on three features of a maze the
@@ -40,6 +46,7 @@ class NeuralModel(StepModel):
         learning_rate: Adam's.
     """
 
+    uncertainty: NetworkUncertainty
     keeps: ClassVar = ("networks", "_batches", "_adam", "_posterior", "_mean", "_scale", "_fits")
 
     def __init__(
@@ -65,15 +72,17 @@ class NeuralModel(StepModel):
         self.batch, self.stride = batch, stride
         self.learning_rate = learning_rate
 
-    def start(self, problem: ContinuousProblem) -> None:
+    @property
+    def looks_at(self) -> Collection[Axis]:  # type: ignore[override]
+        """What the features read."""
+        return self.features.looks_at
+
+    def start(self, problem: Problem, places: Places) -> None:
         """Fresh networks."""
-        self._problem, self._device = problem, problem.device
+        self._problem, self._device, self._places = problem, problem.device, places
         self.features.start(problem)
-        state, action = (
-            torch.zeros(1, size, device=problem.device) for size in (problem.observations, problem.actions)
-        )
-        row = Moves(state, action, state, torch.zeros(1, dtype=torch.int64, device=problem.device))
-        shape = Shape(self.features(row).shape[-1], 1, self.width, self.depth)
+        self._look = places.look(self.features)
+        shape = Shape(self.features(problem.blank()).shape[-1], 1, self.width, self.depth)
         members = self.uncertainty.members
         self._owner = torch.arange(problem.replicas, device=problem.device).repeat_interleave(members)
         size = shape.numel(len(self._owner))
@@ -90,45 +99,67 @@ class NeuralModel(StepModel):
         self._fits = 0
 
     @torch.no_grad()
-    def fit(self, inputs: Tensor, trajectories: Trajectories) -> None:
-        """Some gradient steps on all trajectories so far.
+    def observe(self, store: Store) -> None:
+        """Some gradient steps on all windows so far.
 
         Raises:
             RunError: a weight is not finite.
         """
-        if not len(trajectories):
+        windows = store.windows
+        self.fit(self._look.rows(windows, newest=False), windows)
+
+    @torch.no_grad()
+    def fit(self, inputs: Tensor, windows: Windows) -> None:
+        """Some gradient steps on windows whose rows look like `inputs` [R, n, d].
+
+        Raises:
+            RunError: a weight is not finite.
+        """
+        if not len(windows):
             return
         if not self._fits:
-            self._standardise(inputs, trajectories.replica)
-        steps = every(trajectories, self.stride, self._problem.window)
-        rows = inputs[steps.rows].float()
+            self._standardise(inputs, windows)
+        steps = every(windows, self.stride, self._problem.window)
+        replica = torch.arange(len(inputs), device=inputs.device).view(-1, 1, 1)
+        rows = inputs[replica, steps.rows].float()
         rows = rows.sub_(self._mean[:, None, None]).mul_(self._scale[:, None, None])[self._owner]
-        shares, labels = (steps.weights / self._problem.window)[self._owner], trajectories.labels.float()[self._owner]
+        shares, labels = (steps.weights / self._problem.window)[self._owner], windows.labels.float()[self._owner]
         self._descend(rows, shares, labels, self.steps if self._fits else self.first_steps)
         self._fits += 1
         self._check()
         self._posterior.fitted(rows, shares)
 
-    @torch.no_grad()
-    def predict(self, inputs: Tensor, moves: Moves) -> tuple[Tensor, Tensor]:
-        """Mean [N] and variance [N] of the pseudo-reward of rows, float32; in parts that stay in the cache."""
-        mean, variance = (inputs.new_empty(len(inputs), dtype=torch.float32) for _ in range(2))
-        horizon, size = self._problem.window, max(1, CACHED // (4 * self.width))
-        for replica in range(self._problem.replicas):
-            predictor = self._posterior.predictor(replica)
-            (own,) = (moves.replica == replica).nonzero(as_tuple=True)
-            for rows in own.split(size):
-                values = inputs[rows].float().sub_(self._mean[replica]).mul_(self._scale[replica])
-                mean[rows], variance[rows] = predictor(values)
-        return mean.div_(horizon), variance.div_(horizon**2)
+    def estimate(self, at: Tensor | None = None) -> Estimate:
+        """Mean and variance of some places [R, n], or of all."""
+        return self._predict(self._look.places(at), self._places.counts if at is None else None)
 
-    def _standardise(self, inputs: Tensor, replica: Tensor) -> None:
+    def believe(self, steps: Steps) -> Estimate:
+        """Mean and variance of other steps [n]."""
+        return self._predict(self.features(steps), None)
+
+    @torch.no_grad()
+    def _predict(self, inputs: Tensor, counts: Sequence[int] | None) -> Estimate:
+        """Mean and variance [R, n] of φ [R, n, d] or [n, d], in parts that stay in the cache; 0 behind the counts."""
+        horizon, size, replicas = self._problem.window, max(1, CACHED // (4 * self.width)), self._problem.replicas
+        inputs = inputs.expand(replicas, *inputs.shape[-2:])
+        mean, variance = (torch.zeros(inputs.shape[:2], device=inputs.device) for _ in range(2))
+        for replica in range(replicas):
+            predictor, first = self._posterior.predictor(replica), 0
+            for rows in inputs[replica, : counts[replica] if counts else None].split(size):
+                values = rows.to(torch.float32, copy=True).sub_(self._mean[replica]).mul_(self._scale[replica])
+                own = replica, slice(first, first + len(rows))
+                mean[own], variance[own] = predictor(values)
+                first += len(rows)
+        return Estimate(mean.div_(horizon), variance.div_(horizon**2))
+
+    def _standardise(self, inputs: Tensor, windows: Windows) -> None:
         """Mean zero and deviation one for what is there at the first fit; so it stays."""
-        for r in range(self._problem.replicas):
-            own = inputs[replica == r].double()
+        counts = [len(windows)] * len(inputs) if windows.count is None else windows.count.tolist()
+        for replica, count in enumerate(counts):
+            own = inputs[replica, :count].double()
             deviation = own.std(0, correction=0)
-            self._mean[r] = own.mean(0)
-            self._scale[r] = torch.where(deviation > TINY, deviation, 1.0).reciprocal()
+            self._mean[replica] = own.mean(0)
+            self._scale[replica] = torch.where(deviation > TINY, deviation, 1.0).reciprocal()
 
     @flushed()
     def _descend(self, rows: Tensor, shares: Tensor, labels: Tensor, count: int) -> None:

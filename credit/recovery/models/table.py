@@ -11,11 +11,18 @@ from scipy.sparse import csr_array
 from torch import Tensor
 from torch.nn.functional import embedding_bag
 
+from credit.core.belief import Estimate
 from credit.core.cells import PAIRS, Axis, Cells
+from credit.core.errors import UserError
+from credit.core.problem import FLOAT, Problem
+from credit.core.ranges import Credit, Positive, PositiveInt
+from credit.core.seams import Places
 from credit.core.state import Stateful
-from credit.core.tables import RidgeModel
+from credit.core.steps import Steps
+from credit.core.store import Store, Windows
 from credit.core.tensors import grown
-from credit.core.types import FLOAT, Credit, Estimate, Positive, PositiveInt, Problem, Windows
+from credit.recovery.models.ridge import RidgeModel
+from credit.recovery.uncertainty.bootstrap import FitUncertainty
 
 TINY = 1e-30  # single precision's range ends at 1e-38
 PARTS = ("cells", "blocks", "squares", "index", "weights")  # of the state of a fit
@@ -30,6 +37,7 @@ class TableModel(RidgeModel):
     memory is O(K·(T + B) + visited cells·B) a replica. Replicas are solved one after the other.
 
     Args:
+        uncertainty: further fits with other weights.
         name: the model's name in metrics, files and figures.
         looks_at: the axes of the table.
         credit: which steps of a window share its label: every one alike, or the last alone.
@@ -38,11 +46,13 @@ class TableModel(RidgeModel):
         iterations: most iterations a solve.
     """
 
-    domain: ClassVar = "tabular"
+    observations: ClassVar = "finite"
+    actions: ClassVar = "finite"
     keeps: ClassVar = ("_fits",)
 
     def __init__(
         self,
+        uncertainty: FitUncertainty,
         name: str = "ridge",
         looks_at: Sequence[Axis] = PAIRS,
         credit: Credit = "every_step",
@@ -51,43 +61,66 @@ class TableModel(RidgeModel):
         iterations: PositiveInt = 200,
     ) -> None:
         self.name = name
+        self.uncertainty = uncertainty
         self.looks_at = {*looks_at, "step"} if credit == "last_step" else looks_at
         self.credit = credit
         self.regularization = regularization
         self.tolerance = tolerance
         self.iterations = iterations
 
-    def start(self, problem: Problem, draws: int) -> None:
-        """No cell was visited."""
+    def start(self, problem: Problem, places: Places) -> None:
+        """No cell was visited.
+
+        Raises:
+            UserError: the uncertainty asks for residuals, which are not kept.
+        """
+        assert places.cells is not None
+        if self.uncertainty.sees_residuals:
+            raise UserError(
+                f"reward model {self.name!r}: a table of many cells keeps no account of its residuals; give the "
+                "uncertainty its noise, or choose uncertainty=bootstrap"
+            )
         self._problem = problem
+        self.uncertainty.start(problem)
+        self._all = places.cells
         self._cells = Cells.over(self.looks_at, problem.window, problem.states, problem.actions)
-        self._own = self._cells.index(problem.cells.steps(problem.device))  # cell → the table's own
+        self._own = self._cells.index(places.cells.steps(problem.device))  # cell → the table's own
         self._first = problem.window - 1 if self.credit == "last_step" else 0
-        sizes = self._cells.count, problem.window - self._first, 1 + draws
+        sizes = self._cells.count, problem.window - self._first, 1 + self.uncertainty.draws
         self._fits = [_Fit(*sizes, problem.device) for _ in problem.seeds]
 
-    def observe(self, windows: Windows, weights: Tensor) -> None:
-        """Add windows [R, K, T] with weights [R, K, 1+B] and solve."""
-        cells = self._cells.index(windows)[..., self._first :]
+    def observe(self, store: Store) -> None:
+        """Add the newest windows and solve; or forget all, and fit all anew from the last solution on."""
+        weights, anew = self.uncertainty.weights(store)
+        if anew:
+            for fit in self._fits:
+                fit.forget()
+        self.fit(store.windows if anew else store.new, weights)
+
+    def fit(self, windows: Windows, weights: Tensor) -> None:
+        """Add windows with weights [R, k, 1+B] and solve."""
+        cells = windows.grid(self._cells.index(windows))[..., self._first :]
         for fit, *new in zip(self._fits, cells, weights, windows.labels, strict=True):
             fit.add(*new)
             fit.solve(self.regularization, self.tolerance, self.iterations)
 
-    def refit(self, windows: Windows, weights: Tensor) -> None:
-        """Forget the windows and fit these; the last solution is the first guess."""
-        for fit in self._fits:
-            fit.forget()
-        self.observe(windows, weights)
-
-    def looks(self, problem: Problem) -> Tensor:
+    def looks(self) -> Tensor:
         """All unvisited cells have 0, unless the table tells less apart than other models do."""
-        return self._own if self._cells != problem.cells else torch.zeros_like(self._own)
+        return self._own if self._cells != self._all else torch.zeros_like(self._own)
 
-    def estimate(self, cells: Tensor | None = None) -> Estimate:
+    def estimate(self, at: Tensor | None = None) -> Estimate:
         """θ for some cells [R, n], or for all: the point fit and the B draws."""
-        own = self._own.expand(self._problem.replicas, -1) if cells is None else self._own[cells]
+        own = self._own.expand(self._problem.replicas, -1) if at is None else self._own[at]
+        return self._predict(own)
+
+    def believe(self, steps: Steps) -> Estimate:
+        """θ for other steps [n]."""
+        return self._predict(self._cells.index(steps).expand(self._problem.replicas, -1))
+
+    def _predict(self, own: Tensor) -> Estimate:
         table = torch.stack([fit.predict(of_replica) for fit, of_replica in zip(self._fits, own, strict=True)])
-        return Estimate(table[:, 0], table[:, 1:])
+        draws = table[:, 1:]
+        return Estimate(table[:, 0], self.uncertainty.variance(draws, self.leverage, self._problem.zeros), draws)
 
     def leverage(self) -> Tensor:
         """1/(λ + Σ x²), the diagonal's lower bound on φᵀV⁻¹φ [R, N]: V⁻¹ itself is dense.

@@ -1,22 +1,77 @@
-"""How far a fit can be trusted: the variance of each model and the gap between two of them."""
+"""How far a least-squares fit can be trusted: bootstrap over windows, or the variance of ridge regression."""
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from credit.core.dataset import Dataset
+from credit.core.belief import Estimate
+from credit.core.problem import FLOAT, Problem
+from credit.core.ranges import NonNegative, NonNegativeInt, Positive, PositiveInt
+from credit.core.seams import Uncertainty
+from credit.core.store import Store
 from credit.core.streams import Stream, generators
-from credit.core.tables import CellModel, CellUncertainty
-from credit.core.tensors import by_replica, grown
-from credit.core.types import FLOAT, Estimate, NonNegative, NonNegativeInt, Positive, PositiveInt, Problem
-from credit.recovery.models.linear import LinearModel
+from credit.core.tensors import grown
+from credit.recovery.proxies import spread
 
 
-class Bootstrap(CellUncertainty):
+class Weights(NamedTuple):
+    """How much each window counts in each of 1 + B fits; the point fit is the first.
+
+    Attributes:
+        values: [R, k, 1+B], of the newest k windows, or of all. anew: whether they are of all, and fits forget theirs.
+    """
+
+    values: Tensor
+    anew: bool
+
+
+class FitUncertainty(Uncertainty):
+    """What a model that is fitted by weighted least squares asks for.
+
+    Attributes:
+        draws: B, further fits of every model, with other weights.
+    """
+
+    draws: int
+
+    @abstractmethod
+    def weights(self, store: Store) -> Weights:
+        """Weights of windows, the same for all models that ask after the same append."""
+
+    @abstractmethod
+    def variance(self, draws: Tensor, leverage: Callable[[], Tensor], residual: Callable[[], Tensor]) -> Tensor:
+        """Var̂ r̂ [R, N].
+
+        Args:
+            draws: predictions [R, B, N]. leverage: gives φᵀV⁻¹φ [R, N]. residual: gives the mean squared error of the
+                point fit's labels [R].
+        """
+
+    @property
+    def sees_residuals(self) -> bool:
+        """Whether the fit must keep account of how well it predicts its labels."""
+        return False
+
+    def prior(self, visits: Tensor) -> Tensor | float:
+        """What is added to the reference's variance after N(s, a) visits [R, N]."""
+        return 0.0
+
+    def label_errors(self, estimates: Sequence[Estimate], store: Store, index: Tensor | None) -> Tensor:
+        """Products [R, M, M] of the errors with which models predict labels that they were not fitted to, summed.
+
+        Args:
+            estimates: of all models. store: the windows. index: where the estimates have each row [R, n].
+        """
+        raise NotImplementedError(f"{type(self).__name__} holds no labels out")
+
+
+class Bootstrap(FitUncertainty):
     """Bootstrap over windows: B refits of every model on the same resampled windows (9)–(11).
 
     `poisson` gives each window, when it arrives, a Poisson(1) weight per draw and never touches it again: the online
@@ -32,7 +87,6 @@ class Bootstrap(CellUncertainty):
         prior_count: n₀, visits after which half of the prior variance is left.
     """
 
-    domain: ClassVar = "tabular"
     keeps: ClassVar = ("_stream", "_outside", "_generators")
 
     def __init__(
@@ -55,49 +109,47 @@ class Bootstrap(CellUncertainty):
         self._stream = Stream(problem, "bootstrap", "poisson", self.draws)
         self._outside = problem.zeros(256, self.draws) > 0  # whether a window has weight 0 in a draw [R, ≥ K, B]
         self._generators = generators(problem.seeds, "bootstrap/exact")
+        self._drawn: tuple[int, Weights] | None = None  # after how many windows, and what
 
-    def observe(self, models: list[CellModel], dataset: Dataset) -> None:
-        """Weights for the newest windows (poisson) or for all of them (exact), the same for every model."""
-        exact = self.resample == "exact"
-        windows = dataset.windows if exact else dataset.new
-        weights = self._multinomial(len(dataset)) if exact else self._poisson(windows.labels.shape[1])
-        first, count = len(dataset) - weights.shape[1], len(dataset)
-        if count > self._outside.shape[1]:
-            self._outside = grown(self._outside, count)
-        self._outside[:, first:count] = weights[..., 1:] == 0
-        for model in models:
-            (model.refit if exact else model.observe)(windows, weights)
+    def weights(self, store: Store) -> Weights:
+        """Weights for the newest windows (poisson) or for all of them (exact)."""
+        count = len(store)
+        if self._drawn is None or self._drawn[0] != count:
+            anew = self.resample == "exact"
+            values = self._multinomial(count) if anew else self._poisson(store.new.labels.shape[1])
+            if count > self._outside.shape[1]:
+                self._outside = grown(self._outside, count)
+            self._outside[:, count - values.shape[1] : count] = values[..., 1:] == 0
+            self._drawn = count, Weights(values, anew)
+        return self._drawn[1]
 
-    def variance(self, model: CellModel, estimate: Estimate) -> Tensor:
+    def variance(self, draws: Tensor, leverage: Callable[[], Tensor], residual: Callable[[], Tensor]) -> Tensor:
         """Variance over the draws (10)."""
-        return by_replica(self._variance, estimate.draws)
-
-    def _variance(self, draws: Tensor) -> Tensor:
-        spread = draws - draws.mean(1, keepdim=True)  # torch.var is several times slower here
-        return spread.square_().sum(1) / max(self.draws - self.ddof, 1)
+        return spread(draws, self.ddof)
 
     def prior(self, visits: Tensor) -> Tensor:
         """τ²·n₀/(n₀ + N(s, a))."""
         return self.prior_variance * self.prior_count / (self.prior_count + visits)
 
-    def disagreement(self, reference: Estimate, surrogate: Estimate) -> Tensor:
-        """Mean over the draws of the squared gap (9)."""
-        return by_replica(lambda a, b: (a - b).square_().mean(1), reference.draws, surrogate.draws)
-
-    def label_errors(self, estimates: list[Estimate], dataset: Dataset, columns: Tensor) -> Tensor:
+    def label_errors(self, estimates: Sequence[Estimate], store: Store, index: Tensor | None) -> Tensor:
         """Out of bag: each window is predicted by the mean of those draws in which it has weight 0."""
-        windows = dataset.windows
-        replicas, count, steps = windows.states.shape
+        count = len(store)
+        first = torch.eye(len(estimates), dtype=FLOAT, device=self._outside.device)  # else the first windows decide all
+        if index is None:
+            return first.expand(self._problem.replicas, -1, -1)
+        windows = store.windows
         out = self._outside[:, :count].to(FLOAT)
         known = out.sum(-1).clamp(min=1)
-        index = columns.flatten(1).unsqueeze(1)
         errors = []
         for estimate in estimates:
-            each = estimate.draws.gather(2, index.expand(-1, self.draws, -1))
-            predicted = each.view(replicas, self.draws, count, steps).sum(-1).mT
+            assert estimate.draws is not None
+            each = estimate.draws.gather(2, index.unsqueeze(1).expand(-1, self.draws, -1))
+            if windows.length is None:
+                predicted = windows.sums(each.mT)
+            else:  # the sum of numbers that lie side by side
+                predicted = each.unflatten(-1, (-1, windows.length)).sum(-1).mT
             errors.append(((predicted * out).sum(-1) / known - windows.labels) * (out.sum(-1) > 0))
         stacked = torch.stack(errors, dim=1)
-        first = torch.eye(len(estimates), dtype=FLOAT, device=stacked.device)  # else the first windows decide too much
         return first + stacked @ stacked.mT
 
     def _poisson(self, windows: int) -> Tensor:
@@ -112,17 +164,17 @@ class Bootstrap(CellUncertainty):
         return torch.as_tensor(np.concatenate([ones, drawn], axis=-1), dtype=FLOAT, device=self._problem.device)
 
 
-class Analytic(CellUncertainty):
+class Analytic(FitUncertainty):
     """The variance of ridge regression, σ²·φᵀV⁻¹φ, and the point gap (7); no refits.
 
     Args:
-        noise: σ, standard deviation of a label given the truth, in units of reward.
+        noise: σ, standard deviation of a label given the truth, in units of reward; null takes the root of the mean
+            squared error with which the fit predicts its labels (4.1).
     """
 
-    needs: ClassVar = {"reference": LinearModel, "surrogates": LinearModel}
     keeps: ClassVar = ()
 
-    def __init__(self, noise: Positive = 0.2) -> None:
+    def __init__(self, noise: Positive | None = 0.2) -> None:
         self.noise = noise
         self.draws = 0
 
@@ -130,21 +182,15 @@ class Analytic(CellUncertainty):
         """Remember the shape of the weights."""
         self._problem = problem
 
-    def observe(self, models: list[CellModel], dataset: Dataset) -> None:
-        """Show the newest windows, each with weight one."""
-        ones = torch.ones(*dataset.new.labels.shape, 1, dtype=FLOAT, device=self._problem.device)
-        for model in models:
-            model.observe(dataset.new, ones)
+    def weights(self, store: Store) -> Weights:
+        """One for each of the newest windows."""
+        return Weights(torch.ones(*store.new.labels.shape, 1, dtype=FLOAT, device=self._problem.device), anew=False)
 
-    def variance(self, model: CellModel, estimate: Estimate) -> Tensor:
+    @property
+    def sees_residuals(self) -> bool:
+        """Only where σ is not given."""
+        return self.noise is None
+
+    def variance(self, draws: Tensor, leverage: Callable[[], Tensor], residual: Callable[[], Tensor]) -> Tensor:
         """σ²·φᵀV⁻¹φ [R, N]."""
-        assert isinstance(model, LinearModel)
-        return self.noise**2 * model.leverage()
-
-    def prior(self, visits: Tensor) -> Tensor:
-        """Zero: V⁻¹ starts at I/λ, which is its own prior."""
-        return torch.zeros_like(visits)
-
-    def disagreement(self, reference: Estimate, surrogate: Estimate) -> Tensor:
-        """The squared gap of the point fits (7)."""
-        return (reference.mean - surrogate.mean).square()
+        return (residual().unsqueeze(-1) if self.noise is None else self.noise**2) * leverage()

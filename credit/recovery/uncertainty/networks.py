@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Annotated, ClassVar
 
@@ -10,15 +11,56 @@ import torch
 from annotated_types import Interval
 from torch import Tensor
 
-from credit.core.continuous import NetworkUncertainty, Posterior
-from credit.core.streams import generators
-from credit.core.trajectories import ContinuousProblem
-from credit.core.types import Positive
+from credit.core.problem import Problem
+from credit.core.ranges import Positive
+from credit.core.seams import Uncertainty
+from credit.core.state import Stateful
+from credit.core.streams import generators, side_by_side
 from credit.networks.stack import Layer, Stack
-from credit.recovery.models.batches import side_by_side
 
 Predictor = Callable[[Tensor], tuple[Tensor, Tensor]]
 LEVELS = 2**16  # of a random number that decides whether a unit is kept: two bytes are drawn twice as fast as a float
+
+
+class Posterior(Stateful, ABC):
+    """What the M networks of one neural model believe together; it decides what is trained, and how it predicts.
+
+    Inputs are the networks' [M, rows, d], standardised; outputs are theirs too, before the model scales them.
+    Networks are numbered replica by replica: those of replica r are r·E … r·E + E − 1.
+    """
+
+    def masks(self, rows: int) -> Sequence[Tensor]:
+        """For one training step: what is kept of every hidden layer, zeros and ones [M, rows, width]; () for all."""
+        return ()
+
+    def offset(self, inputs: Tensor) -> Tensor | None:
+        """What is added to the outputs in training [M, rows], if anything is; it stays as it is."""
+        return None
+
+    def fitted(self, inputs: Tensor, shares: Tensor) -> None:
+        """Take note that the networks were fitted to sums of outputs.
+
+        Args:
+            inputs: those of K windows [M, K, P, d]. shares: the weight of every output in its sum [M, K, P].
+        """
+
+    @abstractmethod
+    def predictor(self, replica: int) -> Callable[[Tensor], tuple[Tensor, Tensor]]:
+        """The prediction of one replica, with random numbers of its own: rows [n, d] → mean and variance [n]."""
+
+
+class NetworkUncertainty(Uncertainty):
+    """How far a neural reward model can be trusted. One component serves several models: each has a posterior.
+
+    Attributes:
+        members: E, networks that are trained for a replica.
+    """
+
+    members: int = 1
+
+    @abstractmethod
+    def posterior(self, networks: Stack, problem: Problem, name: str) -> Posterior:
+        """The posterior of a model of some name, on its R·E networks."""
 
 
 class Dropout(NetworkUncertainty):
@@ -40,7 +82,7 @@ class Dropout(NetworkUncertainty):
     ) -> None:
         self.passes, self.rate = passes, rate
 
-    def posterior(self, networks: Stack, problem: ContinuousProblem, name: str) -> Posterior:
+    def posterior(self, networks: Stack, problem: Problem, name: str) -> Posterior:
         """Thinned networks of a model."""
         return Thinned(networks, problem, name, self.passes, self.rate)
 
@@ -59,7 +101,7 @@ class Ensemble(NetworkUncertainty):
     def __init__(self, members: Annotated[int, Interval(ge=2)] = 5, prior_scale: Positive = 3.0) -> None:
         self.members, self.prior_scale = members, prior_scale
 
-    def posterior(self, networks: Stack, problem: ContinuousProblem, name: str) -> Posterior:
+    def posterior(self, networks: Stack, problem: Problem, name: str) -> Posterior:
         """Networks with prior functions."""
         return WithPriors(networks, problem, name, self.members, self.prior_scale)
 
@@ -78,7 +120,7 @@ class LastLayer(NetworkUncertainty):
     def __init__(self, noise: Positive = 0.3, prior_variance: Positive = 1.0) -> None:
         self.noise, self.prior_variance = noise, prior_variance
 
-    def posterior(self, networks: Stack, problem: ContinuousProblem, name: str) -> Posterior:
+    def posterior(self, networks: Stack, problem: Problem, name: str) -> Posterior:
         """Last layers of a model's networks."""
         return LastLayers(networks, self.noise, self.prior_variance)
 
@@ -88,7 +130,7 @@ class Thinned(Posterior):
 
     keeps: ClassVar = ("_training", "_prediction", "_kept")
 
-    def __init__(self, networks: Stack, problem: ContinuousProblem, name: str, passes: int, rate: float) -> None:
+    def __init__(self, networks: Stack, problem: Problem, name: str, passes: int, rate: float) -> None:
         self._networks, self._passes, self._rate = networks, passes, rate
         self._training = generators(problem.seeds, f"{name}/dropout in training")
         self._prediction = generators(problem.seeds, f"{name}/dropout in prediction")
@@ -130,7 +172,7 @@ class WithPriors(Posterior):
 
     keeps: ClassVar = ()
 
-    def __init__(self, networks: Stack, problem: ContinuousProblem, name: str, members: int, scale: float) -> None:
+    def __init__(self, networks: Stack, problem: Problem, name: str, members: int, scale: float) -> None:
         self._networks, self._members, self._scale = networks, members, scale
         self._priors = Stack(networks.shape, networks.members, torch.zeros_like(networks.flat))
         self._priors.draw(side_by_side(problem.seeds, f"{name}/prior", members))

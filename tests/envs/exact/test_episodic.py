@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import pairwise, product
-from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
 from credit.core.errors import UserError
-from credit.core.types import FLOAT, Problem, Windows
+from credit.core.problem import FLOAT
+from credit.core.store import Windows
 from credit.envs.exact.episodic import EpisodicEnvironment, EpisodicGymEnv, SuccessorMDP
 from credit.envs.feedback import BlockSum
 
-Act = Callable[[torch.Tensor, int], torch.Tensor]
+from ..collecting import Function
+from ..collecting import collected as collected_in
+
 STATES, ACTIONS, WIDTH = 4, 2, 3
 
 
@@ -59,18 +60,10 @@ class Small(EpisodicEnvironment):
 
     mdp = small_mdp()
 
-    def oracle(self, problem: Problem) -> Any:
-        raise NotImplementedError
 
-
-def collected(
-    seeds: tuple[int, ...], act: Act, windows: int, steps: int = 3, window: int = 3, poison: bool = False
-) -> tuple[Windows, torch.Tensor]:
-    env, feedback = Small(poison), BlockSum(window, noise=0.2)
-    problem = env.problem(window, seeds, "cpu")
-    env.start(problem)
-    feedback.start(problem)
-    return env.collect(act, feedback, windows, steps)
+def collected(seeds: tuple[int, ...], act: Function, windows: int, steps: int = 3) -> tuple[Windows, torch.Tensor]:
+    """Windows, and primitive rewards [R, K, T]."""
+    return collected_in(Small(), BlockSum(3, noise=0.2), seeds, act, windows, steps)
 
 
 def test_sizes_and_backup() -> None:
@@ -114,10 +107,11 @@ def test_of_tied_actions_the_first_is_taken() -> None:
     assert mdp.optimal(2, True)[1].tolist() == [[0, 0], [0, 0]]
 
 
-def test_a_policy_is_worth_the_same_alone_and_in_a_batch() -> None:
+def test_a_policy_is_worth_alone_what_it_is_in_a_batch() -> None:
     policies = torch.randint(ACTIONS, (9, 4, STATES), generator=torch.Generator().manual_seed(0))
     together = Small.mdp.evaluate(policies, True)
-    assert torch.equal(together, torch.cat([Small.mdp.evaluate(one.unsqueeze(0), True) for one in policies]))
+    alone = torch.cat([Small.mdp.evaluate(one.unsqueeze(0), True) for one in policies])
+    torch.testing.assert_close(together, alone, rtol=1e-12, atol=0)
 
 
 @pytest.mark.parametrize("row", [[0.5, 0.4, 0.0], [1.2, -0.2, 0.0], [0.6, 0.6, 0.6]])
@@ -150,17 +144,21 @@ def test_a_horizon_of_zero_is_refused() -> None:
 def test_every_window_is_an_episode() -> None:
     told: list[int] = []
 
-    def act(states: torch.Tensor, step: int) -> torch.Tensor:
-        told.append(step)
+    def act(states: torch.Tensor, step: torch.Tensor) -> torch.Tensor:
+        assert states.shape == step.shape == (2, 1)
+        assert (step == step[0, 0]).all()
+        told.append(int(step[0, 0]))
         return (states + step) % ACTIONS
 
     windows, primitive = collected((3, 4), act, 200)
     assert told == [0, 1, 2] * 200
-    assert windows.states.shape == windows.actions.shape == windows.next_states.shape == (2, 200, 3)
-    assert torch.equal(windows.states[..., 1:], windows.next_states[..., :-1])
-    assert set(windows.states[..., 0].flatten().tolist()) == {1, 2}
-    assert torch.equal(windows.actions, (windows.states + torch.arange(3)) % ACTIONS)
-    assert torch.equal(primitive, Small.mdp.reward_next[windows.next_states])
+    assert windows.states.shape == windows.actions.shape == windows.next_states.shape == (2, 600)
+    assert windows.length == 3
+    states, actions, arrivals = (windows.grid(p) for p in (windows.states, windows.actions, windows.next_states))
+    assert torch.equal(states[..., 1:], arrivals[..., :-1])
+    assert set(states[..., 0].flatten().tolist()) == {1, 2}
+    assert torch.equal(actions, (states + torch.arange(3)) % ACTIONS)
+    assert torch.equal(primitive, Small.mdp.reward_next[arrivals])
     assert windows.primitive is None
     error = windows.labels - primitive.sum(-1)
     assert 0.15 < float(error.std()) < 0.25
@@ -176,7 +174,7 @@ def test_steps_follow_the_transition_table() -> None:
     assert (counts[table == 0] == 0).all()
     error = (counts / visits - table) / np.sqrt(np.maximum(table * (1 - table) / visits, 1e-12))
     assert np.abs(error).max() < 4
-    first = (windows.states[..., 0] == 1).double().mean()
+    first = (windows.grid(windows.states)[..., 0] == 1).double().mean()
     assert abs(float(first) - 0.7) < 4 * np.sqrt(0.7 * 0.3 / 30_000)
 
 
@@ -185,16 +183,15 @@ def test_an_episode_can_be_cut_short() -> None:
     whole, _ = collected((0, 1), act, 1)
     cut, primitive = collected((0, 1), act, 1, steps=2)
     assert primitive.shape == (2, 1, 2)
-    assert torch.equal(cut.next_states, whole.next_states[..., :2])
+    assert torch.equal(cut.next_states, whole.next_states[:, :2])
 
 
-def test_poison_hides_the_reward_and_keeps_the_labels() -> None:
-    act = lambda states, step: (states + step) % ACTIONS  # noqa: E731
-    plain, _ = collected((0, 1), act, 9)
-    poisoned, primitive = collected((0, 1), act, 9, poison=True)
-    assert torch.equal(plain.labels, poisoned.labels)
-    assert torch.equal(plain.next_states, poisoned.next_states)
-    assert primitive.isnan().all()
+def test_the_objective_decides_what_is_true() -> None:
+    env = Small()
+    both = [env.truth(objective, 3).best for objective in ("sum", "last")]
+    assert both == [pytest.approx(float(Small.mdp.optimal(3, a)[0][0] @ Small.mdp.initial)) for a in (True, False)]
+    with pytest.raises(UserError, match=r"asks for 'median'.*'sum'.*'last'"):
+        env.truth("median", 3)
 
 
 def test_a_replica_takes_the_same_steps_alone() -> None:

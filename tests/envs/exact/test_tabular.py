@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import gymnasium
 import numpy as np
 import pytest
@@ -13,25 +11,23 @@ from gymnasium.utils.env_checker import check_env
 
 import credit  # noqa: F401 - registers credit/Advertiser-v0
 from credit.core.errors import UserError
-from credit.core.types import Problem, Windows
+from credit.core.store import Windows
 from credit.envs.advertiser.environment import Advertiser
 from credit.envs.exact.continuing import TabularMDP
 from credit.envs.feedback import BlockSum
 
-Act = Callable[[torch.Tensor, int], torch.Tensor]
+from ..collecting import Follow, Function, begun
+from ..collecting import collected as collected_in
 
 
-def uniform_policy(seed: int) -> Act:
+def uniform_policy(seed: int) -> Function:
     generator = torch.Generator().manual_seed(seed)
     return lambda states, step: torch.randint(3, states.shape, generator=generator)
 
 
-def collected(env: Advertiser, seeds: tuple[int, ...], act: Act, windows: int) -> tuple[Windows, torch.Tensor]:
-    problem = env.problem(7, seeds, "cpu")
-    feedback = BlockSum(7, noise=0.2)
-    env.start(problem)
-    feedback.start(problem)
-    return env.collect(act, feedback, windows, 7)
+def collected(env: Advertiser, seeds: tuple[int, ...], act: Function, windows: int) -> tuple[Windows, torch.Tensor]:
+    """Windows, and primitive rewards [R, K, T]."""
+    return collected_in(env, BlockSum(7, noise=0.2), seeds, act, windows)
 
 
 def p_value(counts: np.ndarray, transition: np.ndarray) -> float:
@@ -56,46 +52,40 @@ def test_steps_follow_the_transition_matrix() -> None:
 def test_windows_are_one_unbroken_walk() -> None:
     env = Advertiser(initial_state=3)
     windows, primitive = collected(env, (0, 1), uniform_policy(2), 30)
-    states, arrivals = windows.states.flatten(1), windows.next_states.flatten(1)
-    assert (states[:, 0] == 3).all()
-    assert torch.equal(states[:, 1:], arrivals[:, :-1])
-    assert torch.equal(primitive, env.mdp.reward[windows.states, windows.actions])
+    assert (windows.states[:, 0] == 3).all()
+    assert torch.equal(windows.states[:, 1:], windows.next_states[:, :-1])
+    assert torch.equal(primitive, windows.grid(env.mdp.reward[windows.states, windows.actions]))
     assert windows.primitive is None
     error = windows.labels - primitive.sum(-1)
     assert 0.1 < float(error.std()) < 0.3
 
 
 def test_the_walk_goes_on_in_the_next_call() -> None:
-    env, act = Advertiser(), lambda states, step: torch.full_like(states, 2)
-    problem = env.problem(7, (0, 1), "cpu")
-    feedback = BlockSum(7)
-    env.start(problem)
-    feedback.start(problem)
-    pieces = [env.collect(act, feedback, count, 7)[0] for count in (1, 3, 2)]
-    states = torch.cat([piece.states for piece in pieces], 1).flatten(1)
-    assert torch.equal(states[:, 1:], torch.cat([piece.next_states for piece in pieces], 1).flatten(1)[:, :-1])
+    act = lambda states, step: torch.full_like(states, 2)  # noqa: E731
+    collector, _ = begun(Advertiser(), BlockSum(7), (0, 1))
+    pieces = [collector.collect(Follow(act), count)[0] for count in (1, 3, 2)]
+    states = torch.cat([piece.states for piece in pieces], 1)
+    assert torch.equal(states[:, 1:], torch.cat([piece.next_states for piece in pieces], 1)[:, :-1])
     together, _ = collected(Advertiser(), (0, 1), act, 6)
-    assert torch.equal(together.states.flatten(1), states)
+    assert torch.equal(together.states, states)
 
 
 def test_the_policy_is_told_the_step_of_the_window() -> None:
     told: list[int] = []
 
-    def act(states: torch.Tensor, step: int) -> torch.Tensor:
-        told.append(step)
+    def act(states: torch.Tensor, step: torch.Tensor) -> torch.Tensor:
+        told.append(int(step[0, 0]))
         return torch.zeros_like(states)
 
     collected(Advertiser(), (0,), act, 2)
     assert told == [*range(7), *range(7)]
 
 
-def test_poison_hides_the_reward_and_keeps_the_labels() -> None:
-    act = lambda states, step: (states + step) % 3  # noqa: E731
-    plain, _ = collected(Advertiser(), (0, 1), act, 9)
-    poisoned, primitive = collected(Advertiser(poison=True), (0, 1), act, 9)
-    assert torch.equal(plain.labels, poisoned.labels)
-    assert torch.equal(plain.states, poisoned.states)
-    assert primitive.isnan().all()
+def test_regret_is_known_for_the_sum_of_rewards_alone() -> None:
+    env = Advertiser()
+    assert env.truth("sum", 7).gain == pytest.approx(float(env.mdp.optimal.gain))
+    with pytest.raises(UserError, match=r"asks for 'last'.*'sum', like block_sum"):
+        env.truth("last", 7)
 
 
 def test_the_problem_tells_sizes_only() -> None:
@@ -143,7 +133,7 @@ def test_gymnasium_refuses_wrong_parameters() -> None:
         gymnasium.make("credit/Advertiser-v0", initial_state=12)
 
 
-def test_seeds_decide_the_walk(make_problem: Callable[..., Problem]) -> None:
+def test_seeds_decide_the_walk() -> None:
     act = lambda states, step: torch.ones_like(states)  # noqa: E731
     batch, _ = collected(Advertiser(), (5, 6, 7), act, 12)
     alone, _ = collected(Advertiser(), (6,), act, 12)

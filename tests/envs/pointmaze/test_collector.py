@@ -1,21 +1,25 @@
-"""Whole trajectories of different lengths: ours and TorchRL's own collector gather the same rows."""
+"""Whole trajectories of different lengths from TorchRL's own collector."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 
-import pytest
 import torch
-from tensordict import TensorDictBase
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
 from torchrl.collectors import Collector
 from torchrl.data import LazyTensorStorage, SliceSampler, TensorDictReplayBuffer
 
-from credit.core.errors import UserError
-from credit.envs.pointmaze.collector import IDS, RoundCollector, whole
+from credit.envs.feedback import Success
+from credit.envs.pointmaze.collector import IDS, whole
 from credit.envs.pointmaze.env import PointMazeEnv
+from credit.envs.pointmaze.environment import PointMaze
 from credit.envs.pointmaze.task import Task
 
+from ..collecting import Follow, begun
+
+MAP = ["11111", "10001", "11111"]  # of the corridor
 Policy = Callable[[TensorDictBase], TensorDictBase]
 Make = Callable[[Task, Sequence[float]], Policy]
 
@@ -43,49 +47,58 @@ def trajectories(rows: TensorDictBase) -> list[TensorDictBase]:
     return list(parts)
 
 
-def test_both_collectors_gather_the_same_rows(corridor: Task, navigator: Make) -> None:
-    strengths = (1.0, 0.0, 0.6, 0.8)
-    slow, quick = navigator(corridor, strengths), navigator(corridor, (1.0, 0.9, 0.8, 0.7))
-
-    def env() -> PointMazeEnv:
-        return PointMazeEnv(corridor, copies=4, episodes="round", reward="dense")
-
-    ours, theirs, stocked = Changing(slow), Changing(slow), env()
-    stock = iter(
+def rounds(corridor: Task, policy: Policy, reward: str = "dense") -> Iterator[TensorDictBase]:
+    """The stock collector, a round a batch."""
+    purpose = "environment, 4 at once"  # the noise of our own collector
+    env = PointMazeEnv(corridor, copies=4, episodes="round", reward=reward, purpose=purpose)  # type: ignore[arg-type]
+    return iter(
         Collector(
-            stocked,
-            theirs,
+            env,
+            policy,
             frames_per_batch=4 * corridor.horizon,
             total_frames=-1,
             reset_at_each_iter=True,
-            interruptor=stocked,
+            interruptor=env,
             trust_policy=True,
             auto_register_policy_transforms=False,
         )
     )
-    rounds = iter(RoundCollector(env(), ours, first_id=30))
-    counts = []
-    for k in range(3):
-        mine, batch = next(rounds), next(stock)
-        rows = whole(batch)
-        assert torch.equal(mine[IDS].unique(), 30 + 4 * k + torch.arange(4))
-        assert (mine.exclude("collector") == rows.exclude("collector")).all()
-        assert set(mine.keys(True, True)) == set(rows.keys(True, True))
-        counts.append([len(part) for part in trajectories(mine)])
-        assert counts[-1] == [len(part) for part in trajectories(rows)]
-        ours.policy = theirs.policy = quick  # the later rounds are shorter than the collector's buffer
+
+
+def test_it_gathers_the_rows_of_our_collector(corridor: Task, navigator: Make) -> None:
+    strengths = (1.0, 0.0, 0.6, 0.8)
+    slow, quick = navigator(corridor, strengths), navigator(corridor, (1.0, 0.9, 0.8, 0.7))
+    policy = Changing(slow)
+
+    def act(states: Tensor, step: Tensor) -> Tensor:
+        request = TensorDict({"observation": states[0]}, [4])
+        return policy(request)["action"].unsqueeze(0)
+
+    env = PointMaze(MAP, (1, 1), (1, 3), successes=0, partials=0, failures=1, primitive="dense")
+    ours, _ = begun(env, Success(corridor.horizon))
+    stock, counts = rounds(corridor, policy), []
+    for _ in range(3):
+        found, primitive = ours.collect(Follow(act), 4)
+        rows = whole(next(stock))
+        for mine, name in ((found.states, "observation"), (found.actions, "action")):
+            assert torch.equal(mine[0], rows[name]), name
+        assert torch.equal(found.next_states[0], rows["next", "observation"])
+        assert torch.equal(primitive[0], rows["next", "reward"][:, 0].double())
+        assert torch.equal(found.ended[0], rows["next", "done"][:, 0])
+        assert torch.equal(found.terminated[0], rows["next", "terminated"][:, 0])
+        counts.append([len(part) for part in trajectories(rows)])
+        policy.policy = quick  # the later rounds are shorter than the collector's buffer
     assert counts[0][1] == corridor.horizon
     assert max(counts[1]) < corridor.horizon
     assert len(set(counts[0])) == 4
 
 
 def test_labels_and_ends(corridor: Task, navigator: Make) -> None:
-    env = PointMazeEnv(corridor, copies=3, episodes="round", reward="hidden")
-    rows = next(iter(RoundCollector(env, navigator(corridor, (1.0, 0.0, 0.8)))))
+    rows = whole(next(rounds(corridor, navigator(corridor, (1.0, 0.0, 0.8, 0.9)), "hidden")))
     parts = trajectories(rows)
-    assert [part["next", "success"].any().item() for part in parts] == [True, False, True]
-    assert [part["next", "terminated"][-1].item() for part in parts] == [True, False, True]
-    assert [part["next", "truncated"][-1].item() for part in parts] == [False, True, False]
+    assert [part["next", "success"].any().item() for part in parts] == [True, False, True, True]
+    assert [part["next", "terminated"][-1].item() for part in parts] == [True, False, True, True]
+    assert [part["next", "truncated"][-1].item() for part in parts] == [False, True, False, False]
     assert rows["next", "truncated"].sum() == 1
     assert torch.isnan(rows["next", "reward"]).all()
 
@@ -114,14 +127,8 @@ def test_rows_go_into_a_replay_buffer_with_their_ids(corridor: Task, navigator: 
         sampler=SliceSampler(slice_len=5, traj_key=IDS, strict_length=True),
         batch_size=20,
     )
-    env = PointMazeEnv(corridor, copies=3, episodes="round")
-    for rows in islice(RoundCollector(env, navigator(corridor, (1.0, 0.0, 0.6))), 2):
-        buffer.extend(rows)
+    for batch in islice(rounds(corridor, navigator(corridor, (1.0, 0.0, 0.6, 0.8))), 2):
+        buffer.extend(whole(batch))
     sample = buffer.sample().reshape(4, 5)
     assert (sample[IDS] == sample[IDS][:, :1]).all()
     assert torch.equal(sample["observation"][:, 1:], sample["next", "observation"][:, :-1])
-
-
-def test_only_rounds(corridor: Task, navigator: Make) -> None:
-    with pytest.raises(UserError, match=r"needs PointMazeEnv\(episodes='round'\), not 'stream'"):
-        RoundCollector(PointMazeEnv(corridor), navigator(corridor, (1.0,)))

@@ -11,7 +11,6 @@ import pytest
 import torch
 
 from credit.core.errors import UserError
-from credit.envs.pointmaze.collector import IDS
 from credit.envs.pointmaze.demonstrations import Demonstrations, describe, make
 from credit.envs.pointmaze.geometry import Geometry
 from credit.envs.pointmaze.maze import Maze
@@ -100,19 +99,12 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
         Demonstrations.load(tmp_path / "pickled.npz")
 
 
-def test_rows_for_a_buffer(made: Demonstrations) -> None:
-    rows = made.rows(first_id=5)
-    ids, lengths = torch.unique_consecutive(rows[IDS], return_counts=True)
-    assert ids.tolist() == list(range(5, 35))
-    assert lengths.tolist() == made.lengths.tolist()
-    assert torch.isnan(rows["next", "reward"]).all()
-    ends = rows["next", "done"][:, 0].nonzero()[:, 0].tolist()
-    assert ends == (np.cumsum(made.lengths) - 1).tolist()
-    assert rows["next", "terminated"][ends, 0].tolist() == [True] * 10 + [False] * 20
-    assert rows["next", "truncated"][ends, 0].tolist() == [False] * 10 + [True] * 20
-    assert rows["next", "truncated"].sum() == 20
-    assert torch.equal(rows["next", "success"], rows["next", "terminated"])
-    assert torch.equal(rows["observation"][1:219], rows["next", "observation"][:218])
+def test_episodes_one_by_one(made: Demonstrations) -> None:
+    episodes = made.episodes()
+    assert [len(episode.actions) for episode in episodes] == made.lengths.tolist()
+    assert [episode.terminated for episode in episodes] == [True] * 10 + [False] * 20
+    assert all(torch.equal(episode.states[1:], episode.next_states[:-1]) for episode in episodes)
+    assert torch.equal(torch.cat([episode.actions for episode in episodes]), torch.from_numpy(made.actions))
 
 
 def test_what_reward_models_can_learn(medium: Task, made: Demonstrations) -> None:
@@ -129,7 +121,7 @@ def test_what_reward_models_can_learn(medium: Task, made: Demonstrations) -> Non
     empty = make(medium, 0, 0, 0)
     assert empty.one_sided
     assert "There are no demonstrations" in describe(empty)
-    assert (len(empty), empty.states.shape, len(empty.rows())) == (0, (0, 4), 0)
+    assert (len(empty), empty.states.shape, empty.episodes()) == (0, (0, 4), [])
 
 
 def test_demonstrations_that_cannot_be_had(corridor: Task) -> None:

@@ -13,12 +13,16 @@ import torch
 from torch import Tensor
 
 from credit.core.errors import UserError
-from credit.core.interfaces import Act
-from credit.core.trajectories import ContinuousProblem, Trajectories
+from credit.core.problem import Problem
+from credit.core.store import Windows
+from credit.envs.collect import Collector
 from credit.envs.feedback import BlockSum, Success
 from credit.envs.pointmaze.demonstrations import Demonstrations, make
 from credit.envs.pointmaze.environment import PointMaze
 from credit.envs.pointmaze.task import RADIUS, Task
+from credit.judges import judge
+
+from ..collecting import Follow, begun
 
 CORRIDOR = ["11111", "10001", "11111"]
 
@@ -29,121 +33,110 @@ def maze(**keys: Any) -> PointMaze:
     return PointMaze(**(few | {"successes": 2, "partials": 1, "failures": 1} | keys))
 
 
-def started(seeds: Sequence[int] = (0,), window: int = 80, **keys: Any) -> tuple[PointMaze, Success, ContinuousProblem]:
-    env, feedback = maze(**keys), Success(window)
-    problem = env.problem(window, tuple(seeds), "cpu")
-    env.start(problem)
-    feedback.start(problem)
-    return env, feedback, problem
+def started(seeds: Sequence[int] = (0,), window: int = 80, **keys: Any) -> tuple[PointMaze, Collector, Problem]:
+    env = maze(**keys)
+    return env, *begun(env, Success(window), tuple(seeds))
 
 
-def pushing(*strengths: float) -> Act:
+def pushing(*strengths: float) -> Follow:
     """To the right, with a strength for each replica, and a little up and down."""
 
-    def act(states: Tensor, step: int) -> Tensor:
-        right = torch.tensor(strengths).repeat_interleave(len(states) // len(strengths))
-        return torch.stack([right, torch.full_like(right, 0.1 * (-1) ** step)], -1)
+    def act(states: Tensor, step: Tensor) -> Tensor:
+        right = torch.tensor(strengths).unsqueeze(1).expand(step.shape)
+        return torch.stack([right, 0.1 * (-1.0) ** step], -1)
 
-    return act
+    return Follow(act)
 
 
-def of(found: Trajectories, values: Tensor, replica: int, number: int) -> Tensor:
-    return values[(found.replica == replica) & (found.number == number)]
+def of(found: Windows, values: Tensor, replica: int, number: int) -> Tensor:
+    """The rows of one trajectory."""
+    last = found.ends[replica, number]
+    return values[replica, last + 1 - found.lengths[replica, number] : last + 1]
 
 
 def test_labels_say_whether_the_goal_was_reached() -> None:
-    env, feedback, _ = started((4, 5))
-    found, primitive = env.collect(pushing(1.0, 0.0), feedback, 3, 80)
+    _, collector, _ = started((4, 5))
+    found, primitive = collector.collect(pushing(1.0, 0.0), 3)
     assert found.labels.tolist() == [[1, 1, 1], [0, 0, 0]]
-    assert found.labels.dtype == torch.float64
+    assert found.labels.dtype == primitive.dtype == torch.float64
     assert (found.lengths[0] < 70).all()
     assert found.lengths[1].tolist() == [80, 80, 80]
-    assert primitive.shape == (len(found),)
+    assert found.count is not None
+    assert found.count.tolist() == found.lengths.sum(1).tolist()
+    assert primitive.shape == found.states.shape[:2] == (2, 240)
     assert found.primitive is None
     assert torch.equal(found.sums(primitive), found.labels)
+    assert found.terminated is not None
     assert torch.equal(primitive > 0, found.terminated)
-    assert env.taken.tolist() == found.lengths.sum(1).tolist()
-    env.collect(pushing(0.0, 0.0), feedback, 1, 80)
-    assert env.taken.tolist() == (found.lengths.sum(1) + 80).tolist()
 
 
 def test_rows_are_whole_trajectories_of_the_replicas() -> None:
-    env, feedback, _ = started((4, 5))
-    found, _ = env.collect(pushing(0.9, 0.5), feedback, 2, 80)
-    order = torch.stack([found.replica, found.number], -1)
-    assert torch.unique_consecutive(order, dim=0).tolist() == [[0, 0], [0, 1], [1, 0], [1, 1]]
+    _, collector, _ = started((4, 5))
+    found, _ = collector.collect(pushing(0.9, 0.5), 2)
+    assert found.ended is not None
+    assert found.valid is not None
+    assert (found.states[~found.valid] == 0).all()
     for r in range(2):
         for k in range(2):
             states, arrivals = of(found, found.states, r, k), of(found, found.next_states, r, k)
             assert torch.equal(states[1:], arrivals[:-1])
             assert ((states[0] - torch.tensor([-1.0, 0, 0, 0])).abs() <= 0.25).all()
             assert (states[0, 2:] == 0).all()
-            assert of(found, found.final, r, k).nonzero().tolist() == [[len(states) - 1]]
+            assert of(found, found.ended, r, k).nonzero().tolist() == [[len(states) - 1]]
+            assert of(found, found.times, r, k).tolist() == list(range(len(states)))
             assert of(found, found.actions, r, k)[:, 0].unique().tolist() == pytest.approx([(0.9, 0.5)[r]])
 
 
 def test_dense_primitive_rewards_show_the_distance() -> None:
-    (env, feedback, _), (sparse, _, _) = started(primitive="dense"), started()
-    found, primitive = env.collect(pushing(1.0), feedback, 2, 80)
-    same, _ = sparse.collect(pushing(1.0), feedback, 2, 80)
+    (env, dense, _), (_, sparse, _) = started(primitive="dense"), started()
+    found, primitive = dense.collect(pushing(1.0), 2)
+    same, _ = sparse.collect(pushing(1.0), 2)
     assert torch.equal(found.states, same.states)
     assert torch.equal(found.labels, same.labels)  # the label is the same bit
     goal = torch.tensor(env.maze.xy((1, 3)))
     distance = -primitive.log()  # to the goal as it was moved, ±.25 on both axes
-    assert ((distance - (found.next_states[:, :2] - goal).norm(dim=-1)).abs() <= 0.25 * 2**0.5 + 1e-5).all()
+    assert ((distance - (found.next_states[..., :2] - goal).norm(dim=-1)).abs() <= 0.25 * 2**0.5 + 1e-5).all()
     for k in range(2):
         path = of(found, distance, 0, k)
         assert path[-1] <= RADIUS < path[:-1].min()
 
 
-def test_the_poison_is_in_the_primitive_reward_alone() -> None:
-    (env, feedback, _), (plain, _, _) = started(poison=True), started()
-    for (found, primitive), (same, real) in (
-        (env.collect(pushing(1.0), feedback, 2, 80), plain.collect(pushing(1.0), feedback, 2, 80)),
-        (env.demonstrations(), plain.demonstrations()),  # type: ignore[misc]
-    ):
-        assert primitive.isnan().all()
-        assert real.isfinite().all()
-        for name in ("states", "actions", "next_states", "labels", "final", "terminated"):
-            assert torch.equal(getattr(found, name), getattr(same, name)), name
-
-
 @pytest.mark.parametrize("windows", [1, 3])
 def test_a_replica_depends_neither_on_the_others_nor_on_how_long_they_last(windows: int) -> None:
-    def played(seeds: Sequence[int], *strengths: float) -> list[Trajectories]:
-        env, feedback, _ = started(seeds)
-        return [env.collect(pushing(*strengths), feedback, windows, 80)[0] for _ in range(2)]
+    def played(seeds: Sequence[int], *strengths: float) -> list[Windows]:
+        _, collector, _ = started(seeds)
+        return [collector.collect(pushing(*strengths), windows)[0] for _ in range(2)]
 
     alone = played((7,), 0.8)
     for seeds, strengths in (((7, 2), (0.8, 1.0)), ((3, 7), (0.0, 0.8)), ((7, 8, 9), (0.8, 0.3, 0.0))):
         mine = seeds.index(7)
-        for round_, (single, together) in enumerate(zip(alone, played(seeds, *strengths), strict=True)):
-            rows = together.replica == mine
-            for name in ("states", "actions", "next_states", "number", "final", "terminated"):
-                assert torch.equal(getattr(single, name), getattr(together, name)[rows]), (name, round_)
+        for single, together in zip(alone, played(seeds, *strengths), strict=True):
+            rows = slice(len(single))
+            for name in ("states", "actions", "next_states", "step", "ended", "terminated"):
+                assert torch.equal(getattr(single, name)[0], getattr(together, name)[mine, rows]), name
+            assert torch.equal(single.lengths[0], together.lengths[mine])
             assert torch.equal(single.labels[0], together.labels[mine])
-    assert not torch.equal(alone[0].states[0], alone[1].states[0])  # each round has noise of its own
+    assert not torch.equal(alone[0].states[0, 0], alone[1].states[0, 0])  # each round has noise of its own
 
 
 def test_policies_see_the_states_of_all_balls_and_the_step() -> None:
-    env, feedback, _ = started((0, 1))
+    _, collector, _ = started((0, 1))
     seen: list[tuple[tuple[int, ...], int]] = []
 
-    def act(states: Tensor, step: int) -> Tensor:
-        seen.append((tuple(states.shape), step))
-        return pushing(1.0, 0.0)(states, step)
+    def act(states: Tensor, step: Tensor) -> Tensor:
+        assert step.shape == (2, 3)
+        seen.append((tuple(states.shape), int(step[0, 0])))
+        return pushing(1.0, 0.0).act(states, step)
 
     for _ in range(2):
         seen.clear()
-        env.collect(act, feedback, 3, 80)
-        assert seen == [((6, 4), step) for step in range(80)]
+        collector.collect(Follow(act), 3)
+        assert seen == [((2, 3, 4), step) for step in range(80)]
 
 
 def test_a_noisy_sum_is_a_label_too() -> None:
-    env, _, problem = started()
-    feedback = BlockSum(80, noise=0.01)
-    feedback.start(problem)
-    found, _ = env.collect(pushing(1.0), feedback, 3, 80)
+    collector, _ = begun(maze(), BlockSum(80, noise=0.01))
+    found, _ = collector.collect(pushing(1.0), 3)
     assert found.labels[0].tolist() == pytest.approx([1, 1, 1], abs=0.05)
     assert len(found.labels.unique()) == 3
 
@@ -155,13 +148,13 @@ def test_demonstrations_are_those_of_each_seed() -> None:
     found, primitive = demonstrations
     assert found.labels.tolist() == [[1, 1, 0, 0]] * 2
     for r, seed in enumerate((3, 8)):
-        expected, own = make(env.task(80), 2, 1, 1, seed), found.replica == r
+        expected, own = make(env.task(80), 2, 1, 1, seed), slice(int(found.lengths[r].sum()))
         assert env.demonstrations_of(seed).digest == expected.digest
         for name in ("states", "actions", "next_states", "terminated"):
-            assert torch.equal(getattr(found, name)[own], torch.from_numpy(getattr(expected, name))), name
+            assert torch.equal(getattr(found, name)[r, own], torch.from_numpy(getattr(expected, name))), name
         assert found.lengths[r].tolist() == expected.lengths.tolist()
-        assert found.number[own].tolist() == np.repeat(range(4), expected.lengths).tolist()
-    assert not torch.equal(found.states[0], of(found, found.states, 1, 0)[0])
+        assert found.number[r, own].tolist() == np.repeat(range(4), expected.lengths).tolist()
+    assert not torch.equal(found.states[0, 0], found.states[1, 0])
     assert found.primitive is None
     assert torch.equal(found.sums(primitive), found.labels)
 
@@ -170,14 +163,14 @@ def test_dense_primitive_rewards_of_demonstrations_are_by_the_nominal_goal() -> 
     demonstrations = started(primitive="dense")[0].demonstrations()
     assert demonstrations is not None
     found, primitive = demonstrations
-    far = ((found.next_states[:, 0].double() - 1) ** 2 + found.next_states[:, 1].double() ** 2).sqrt()
+    far = ((found.next_states[..., 0].double() - 1) ** 2 + found.next_states[..., 1].double() ** 2).sqrt()
     torch.testing.assert_close(primitive, (-far).exp())
 
 
 def test_there_need_not_be_demonstrations() -> None:
-    env, feedback, _ = started(successes=0, partials=0, failures=0)
+    env, collector, _ = started(successes=0, partials=0, failures=0)
     assert env.demonstrations() is None
-    assert env.collect(pushing(1.0), feedback, 1, 80)[0].labels.tolist() == [[1]]
+    assert collector.collect(pushing(1.0), 1)[0].labels.tolist() == [[1]]
 
 
 def test_demonstrations_from_a_file_are_the_same_for_every_seed(tmp_path: Path) -> None:
@@ -187,7 +180,7 @@ def test_demonstrations_from_a_file_are_the_same_for_every_seed(tmp_path: Path) 
     found, _ = env.demonstrations()  # type: ignore[misc]
     assert found.labels.tolist() == [[1, 0, 0]] * 2
     for r, seed in enumerate((3, 8)):
-        assert torch.equal(found.states[found.replica == r], torch.from_numpy(given.states))
+        assert torch.equal(found.states[r], torch.from_numpy(given.states))
         assert env.demonstrations_of(seed).digest == given.digest
 
 
@@ -271,7 +264,7 @@ def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
 def test_the_grid_is_all_over_the_free_cells() -> None:
     env, _, _ = started()
     moves = env.grid(3)
-    assert len(moves) == 27
+    assert len(moves.states) == 27
     assert moves.states.shape == moves.next_states.shape == (27, 4)
     assert moves.actions.shape == (27, 2)
     assert moves.states.dtype == torch.float32
@@ -280,16 +273,17 @@ def test_the_grid_is_all_over_the_free_cells() -> None:
     assert {cell: cells.count(cell) for cell in set(cells)} == dict.fromkeys(env.maze.free, 9)
     assert sorted(set(y)) == pytest.approx([-1 / 3, 0, 1 / 3])
     assert len(set(zip(x, y, strict=True))) == 27
-    assert len(env.grid()) == 48
+    assert len(env.grid().states) == 48
 
 
 def test_a_picture_has_the_demonstrations_and_the_last_evaluation() -> None:
-    env, feedback, problem = started((3, 8))
-    oracle = env.oracle(problem, feedback)
-    oracle.metrics({"behaviour": pushing(0.0, 0.0), "other": pushing(1.0, 1.0)}, None)
-    oracle.metrics({"behaviour": pushing(1.0, 0.0), "other": pushing(1.0, 1.0)}, None)
+    env, collector, problem = started((3, 8))
+    found = judge(env, Success(80), problem, collector.evaluation)
+    assert found.picture(0) == {}
+    found.measure({"behaviour": pushing(0.0, 0.0), "other": pushing(1.0, 1.0)}, None)
+    found.measure({"behaviour": pushing(1.0, 0.0), "other": pushing(1.0, 1.0)}, None)
     for replica, seed in enumerate((3, 8)):
-        arrays = env.picture(replica)
+        arrays = env.picture(replica) | found.picture(replica)
         assert arrays["maze/walls"].shape == (3, 5)
         assert arrays["maze/walls"].sum() == 12
         assert (arrays["maze/start"].tolist(), arrays["maze/goal"].tolist()) == ([1, 1], [1, 3])

@@ -8,8 +8,9 @@ import pytest
 import torch
 
 from credit.core.errors import UserError
-from credit.core.interfaces import FeatureMap
-from credit.core.types import Problem, Steps
+from credit.core.problem import Problem
+from credit.core.seams import FeatureMap
+from credit.core.steps import Steps
 from credit.envs.sepsis.features import Clinical, HealthRegime, Patient
 
 HEALTHY, INTERMEDIATE, SEVERE = 0, 1, 2
@@ -124,8 +125,8 @@ def test_features_of_the_patient_that_a_step_leads_to(diabetes: int) -> None:
 def test_other_environments_have_no_patients(
     make_problem: Callable[..., Problem], features: FeatureMap, states: int, actions: int
 ) -> None:
-    name = type(features).__name__
-    with pytest.raises(UserError, match=rf"{name} describes.*1296 states, 8 actions.*{states} states and {actions} ac"):
+    known = rf"{type(features).__name__} knows patients.*1296 states, 8 actions"
+    with pytest.raises(UserError, match=rf"{known}.*{states} states and {actions} actions"):
         features.start(make_problem((0,), states=states, actions=actions))
     features.start(make_problem((0,), states=1296, actions=8))
 

@@ -15,7 +15,7 @@ from gymnasium.utils.env_checker import check_env
 
 import credit.envs
 from credit.core.errors import UserError
-from credit.core.types import FLOAT
+from credit.core.problem import FLOAT
 from credit.envs.feedback import BlockSum
 from credit.envs.sepsis.environment import (
     RADIX,
@@ -28,6 +28,8 @@ from credit.envs.sepsis.environment import (
     reward,
     treatments,
 )
+
+from ..collecting import collected
 
 ALL = torch.arange(STATES)
 MDP = Sepsis().mdp
@@ -98,18 +100,15 @@ def test_exact_values(name: str) -> None:
 def test_simulation_agrees_with_the_exact_values(name: str) -> None:
     episodes = 200_000
     for additive in (True, False) if name == "optimal" else (True,):
-        env, feedback = Sepsis(), BlockSum(HORIZON, noise=0)
-        problem = env.problem(HORIZON, tuple(range(800)), "cpu")
-        env.start(problem)
-        feedback.start(problem)
         policy = policy_of(name, additive)
         cumulative, generator = policy.cumsum(-1), torch.Generator().manual_seed(1)
 
-        def act(states: torch.Tensor, step: int) -> torch.Tensor:
-            draw = torch.rand(len(states), 1, dtype=FLOAT, generator=generator)  # noqa: B023
+        def act(states: torch.Tensor, step: torch.Tensor) -> torch.Tensor:
+            draw = torch.rand(*states.shape, 1, dtype=FLOAT, generator=generator)  # noqa: B023
             return (cumulative[step, states] <= draw).sum(-1)  # noqa: B023
 
-        windows, primitive = env.collect(act, feedback, episodes // 800, HORIZON)
+        feedback, seeds = BlockSum(HORIZON, noise=0), tuple(range(800))
+        windows, primitive = collected(Sepsis(), feedback, seeds, act, episodes // 800)
         assert torch.equal(windows.labels, primitive.sum(-1))
         for objective, returns in ((True, primitive.sum(-1)), (False, primitive[..., -1])):
             exact = float(MDP.evaluate(policy.unsqueeze(0), objective))

@@ -1,0 +1,98 @@
+"""What a network of action values sees: a state and when it is, as numbers or as vectors."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from credit.core.policy import Policy, TablePolicy
+from credit.core.problem import FLOAT, Problem
+from credit.core.seams import FeatureMap
+from credit.core.steps import Steps
+from credit.networks.perceptron import PRECISION, ReplicaMLP
+
+
+class Moments:
+    """States are numbers: φ(s), or s one-hot, and the one-hot step of a window.
+
+    Args:
+        problem: sizes. features: φ, started; None for one-hot states.
+
+    Attributes:
+        size: how many numbers that is.
+    """
+
+    def __init__(self, problem: Problem, features: FeatureMap | None) -> None:
+        self._problem = problem
+        states = torch.arange(problem.states, device=problem.device)
+        nothing = torch.zeros_like(states)
+        if features is None:
+            seen = torch.eye(problem.states, dtype=PRECISION, device=problem.device)
+        else:
+            seen = features(Steps(states, nothing, nothing, nothing)).to(PRECISION)
+        clock = torch.eye(problem.window, dtype=PRECISION, device=problem.device)
+        # of every moment t·S + s [T·S, d+T]
+        self._inputs = torch.cat([seen.repeat(problem.window, 1), clock.repeat_interleave(len(states), dim=0)], dim=1)
+        self.size = self._inputs.shape[1]
+
+    def __call__(self, states: Tensor, step: Tensor) -> Tensor:
+        """Inputs [..., size] for states [...] at steps [...]; behind the last step, the last one stands in."""
+        return self._inputs[step.clamp(max=self._problem.window - 1) * self._problem.states + states]
+
+    def greedy(self, values: ReplicaMLP) -> Policy:
+        """The best action in every moment, as a table."""
+        best = values.best(self._inputs).view(-1, self._problem.window, self._problem.states)
+        return TablePolicy(best, self._problem.actions)
+
+
+class Vectors:
+    """States are vectors: φ(s), or s as it is, and the share of the window that is over.
+
+    Args:
+        problem: sizes. features: φ, started; None for the vectors themselves.
+
+    Attributes:
+        size: how many numbers that is.
+    """
+
+    def __init__(self, problem: Problem, features: FeatureMap | None) -> None:
+        self._problem, self._features = problem, features
+        blank = problem.blank()
+        self.size = self(blank.states, blank.times).shape[-1]
+
+    def __call__(self, states: Tensor, step: Tensor) -> Tensor:
+        """Inputs [..., size] for states [..., O] at steps [...]."""
+        seen = states
+        if self._features is not None:
+            nothing = torch.zeros_like(step)
+            seen = self._features(Steps(states, nothing, states, step))
+        share = step.unsqueeze(-1) / self._problem.window
+        return torch.cat([seen.to(PRECISION), share.to(PRECISION)], dim=-1)
+
+    def greedy(self, values: ReplicaMLP) -> Policy:
+        """The best action, as the network has it now."""
+        return Best(self, values)
+
+
+class Best(Policy):
+    """The action of the largest value.
+
+    Args:
+        view: what the network sees. values: the network.
+    """
+
+    def __init__(self, view: Vectors, values: ReplicaMLP) -> None:
+        self._view, self._values = view, values
+
+    @torch.no_grad()
+    def act(self, states: Tensor, step: Tensor) -> Tensor:
+        """Actions [R, K]."""
+        return self._values(self._view(states, step)).argmax(-1)
+
+    @torch.no_grad()
+    def probabilities(self, states: Tensor, step: int) -> Tensor:
+        """One for the action, zero for the others [R, n, A]."""
+        steps = torch.full(states.shape[:1], step, device=states.device)
+        replicas = next(self._values.parameters()).shape[0]
+        values = self._values(self._view(states, steps).expand(replicas, -1, -1))
+        return torch.nn.functional.one_hot(values.argmax(-1), values.shape[-1]).to(FLOAT)

@@ -1,0 +1,91 @@
+"""What planners share: they count transitions, and plan with the table of rewards that an assigner has."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+
+from credit.core.cells import PAIRS, Cells
+from credit.core.policy import Policy, TablePolicy
+from credit.core.problem import Problem
+from credit.core.seams import Agent, CreditAssigner, Transition
+from credit.core.store import Store
+
+
+class Planner(Agent):
+    """Dynamic programming on (P̂, r_plan) after every round: B.1, lines 15 to 18. States and actions are numbers.
+
+    An assigner that has no table of rewards gives each step its own; a pair (s, a) is then worth the mean of those of
+    its steps, and one that was never seen the mean of all.
+
+    Args:
+        transition: the transition model P̂.
+    """
+
+    observations: ClassVar = "finite"
+    actions: ClassVar = "finite"
+    keeps: ClassVar[tuple[str, ...]] = ("transition", "_actions", "_total", "_visits")
+    _actions: Tensor  # of the last plan, [R, S] or [R, T, S]
+
+    def __init__(self, transition: Transition) -> None:
+        self.transition = transition
+
+    def start(self, problem: Problem) -> None:
+        """No transition was seen."""
+        self._problem = problem
+        self.transition.start(problem)
+        self._total, self._visits = problem.zeros(problem.pairs), problem.zeros(problem.pairs)
+        self._rewards: tuple[Cells, Tensor, Tensor] | None = None
+
+    def act(self, states: Tensor, step: Tensor) -> Tensor:
+        """What the plan says."""
+        return self._follow(self._actions).act(states, step)
+
+    def improve(self, store: Store, assigner: CreditAssigner) -> None:
+        """Count the new transitions and plan with r_plan."""
+        self.transition.observe(store.new)
+        self._rewards = assigner.table() or self._averaged(store, assigner)
+        cells, reward, _ = self._rewards
+        self._actions = self.plan(cells, reward, anew=True)
+
+    def policies(self) -> dict[str, Policy]:
+        """The optimistic policy, and the one that plans with the mixed reward alone."""
+        if self._rewards is None:
+            return {"behaviour": self._follow(self._actions)}
+        cells, _, reward = self._rewards
+        greedy = self.plan(cells, reward, anew=False)
+        return {"behaviour": self._follow(self._actions), "greedy": self._follow(greedy)}
+
+    def executed(self) -> Policy:
+        """The optimistic policy."""
+        return self._follow(self._actions)
+
+    def _follow(self, actions: Tensor) -> TablePolicy:
+        return TablePolicy(actions, self._problem.actions)
+
+    @abstractmethod
+    def plan(self, cells: Cells, reward: Tensor, anew: bool) -> Tensor:
+        """The best actions [R, S] or [R, T, S] for rewards [R, N] of cells; `anew`: after new windows."""
+
+    def _averaged(self, store: Store, assigner: CreditAssigner) -> tuple[Cells, Tensor, Tensor]:
+        """Cells (s, a), and the mean reward of each [R, N], twice: there is no optimism."""
+        problem, windows = self._problem, store.new
+        if assigner.learns:  # what old steps were worth has changed
+            windows = store.windows
+            self._total.zero_()
+            self._visits.zero_()
+        rewards, pairs = assigner.rewards(windows), windows.pairs(problem.actions)
+        once = torch.ones_like(rewards) if windows.valid is None else windows.valid.to(rewards.dtype)
+        self._total.scatter_add_(1, pairs, rewards * once)
+        self._visits.scatter_add_(1, pairs, once)
+        table = mean_rewards(self._total, self._visits)
+        return Cells.over(PAIRS, problem.window, problem.states, problem.actions), table, table
+
+
+def mean_rewards(total: Tensor, visits: Tensor) -> Tensor:
+    """The mean reward [R, N] of cells with so many visits and this sum; the mean of all where there was none."""
+    overall = total.sum(1, keepdim=True) / visits.sum(1, keepdim=True).clamp(min=1)
+    return torch.where(visits > 0, total / visits.clamp(min=1), overall)

@@ -1,0 +1,65 @@
+"""What decides a run's results: kinds, registered names, and the parameters that are not their constructor's defaults.
+
+Neither Python paths nor titles nor circumstances are part of it, so that a move, a new title, or a new key with a
+neutral default leaves every finished run what it was.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from credit.config import schema
+from credit.config.registry import CIRCUMSTANCES, KINDS
+from credit.config.signatures import REQUIRED, signature
+from credit.renamed import translated
+
+SLOTS = ("trainer", *(slot for kind in KINDS.values() for slot in kind.slots))
+
+
+def identity(config: Mapping[str, Any]) -> str:
+    """Hash of everything that decides a run's results but its seed; 12 hexadecimal digits.
+
+    Args:
+        config: a composed and checked configuration, of this version or an older one.
+    """
+    config = translated(config)
+    kept = {slot: described(config[slot]) for slot in SLOTS if config.get(slot) and slot not in CIRCUMSTANCES}
+    return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def described(node: Any) -> Any:
+    """A component by its registered name and what differs from its defaults; components by name; or a value."""
+    if isinstance(node, Mapping) and "_target_" in node:
+        cls = schema.resolve("", node)
+        defaults = {name: default for name, (_, default) in signature(cls).items()}
+        values = {key: value for key, value in node.items() if key != "_target_"}
+        changed = {k: described(v) for k, v in values.items() if plain(v) != plain(defaults.get(k, REQUIRED))}
+        return {"is": registered_name(cls), **changed}
+    if isinstance(node, Mapping):
+        return {str(key): described(value) for key, value in node.items()}
+    return plain(node)
+
+
+def registered_name(cls: type) -> str:
+    """The one name of a class within its kind, wherever it is defined: `local_mse`; `package:name` for other packages.
+
+    Example:
+        >>> registered_name(LocalMSE)
+        'local_mse'
+    """
+    name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", cls.__name__).lower()
+    package = cls.__module__.partition(".")[0]
+    return name if package == "credit" else f"{package}:{name}"
+
+
+def plain(value: Any) -> Any:
+    """Numbers as numbers, sequences as lists: 1, 1.0 and the same from YAML are one value."""
+    if isinstance(value, bool) or value is None:
+        return value
+    if isinstance(value, (int, float)):
+        return float(value)
+    return [plain(inner) for inner in value] if isinstance(value, (list, tuple)) else value

@@ -1,0 +1,15 @@
+"""Ranges of parameters: the check derives its schema from signatures, so a range is written here and nowhere else."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from annotated_types import Ge, Gt, Interval
+
+Positive = Annotated[float, Gt(0)]
+NonNegative = Annotated[float, Ge(0)]
+Probability = Annotated[float, Interval(ge=0, le=1)]
+PositiveInt = Annotated[int, Ge(1)]
+NonNegativeInt = Annotated[int, Ge(0)]
+
+Credit = Literal["every_step", "last_step"]  # a hypothesis: which steps of a window share its label

@@ -1,0 +1,36 @@
+"""What was done and what it led to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Steps that were taken; or some to look at, the same for all replicas, without the leading dimension.
+
+    Attributes:
+        states: [R, n] int64, or [R, n, O] float32. actions: [R, n] int64, or [R, n, A] float32. next_states: as states.
+        step: in the episode, counted from 0 [R, n] int64; where it is None there is `times`.
+    """
+
+    states: Tensor
+    actions: Tensor
+    next_states: Tensor
+    step: Tensor | None = None
+
+    def __len__(self) -> int:
+        """n."""
+        return self.states.shape[1]
+
+    @property
+    def times(self) -> Tensor:
+        """The step in the episode, counted from 0 [R, n]."""
+        assert self.step is not None
+        return self.step
+
+    def pairs(self, actions: int) -> Tensor:
+        """Index s·A + a of every step [R, n]."""
+        return self.states * actions + self.actions

@@ -1,0 +1,172 @@
+"""Steps of any environment under any policy, as labelled windows: the one place where rewards meet the feedback."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor
+
+from credit.core.errors import RunError, UserError
+from credit.core.policy import Policy
+from credit.core.problem import FLOAT, Problem
+from credit.core.seams import Act, Environment, Evaluated, Evaluation, Feedback
+from credit.core.state import Stateful
+from credit.core.store import Windows
+from credit.envs.episodes import Track, World, first_states, joined, over, play, ticks
+
+
+class Collector(Stateful):
+    """Runs policies in an environment, and has the feedback label what they did.
+
+    What it returns for learners holds no primitive reward; that comes apart, for the judge. Where all windows have T
+    steps, `Windows.length` says so; else windows are episodes of any length, K of each replica in lock-step until all
+    are over.
+
+    Args:
+        env: started. feedback: started. problem: what both were started with.
+
+    Raises:
+        UserError: a feedback that needs windows of T steps, and episodes that may end before; or many copies of a task
+            that goes on for ever.
+
+    Example:
+        >>> windows, rewards = Collector(env, feedback, problem).collect(policy, 4)
+    """
+
+    def __init__(self, env: Environment, feedback: Feedback, problem: Problem) -> None:
+        name = type(env).__name__
+        if env.ends_early and feedback.whole:
+            raise UserError(
+                f"{type(feedback).__name__} reads the reward of a window's last step, and episodes of {name} may end "
+                "before; choose another feedback, like block_sum, or say ends_early = False if they never do"
+            )
+        if not problem.episodic and (env.copies != 1 or env.ends_early):
+            raise UserError(
+                f"{name} goes on for ever and says copies={env.copies}, ends_early={env.ends_early}: such a task has "
+                "one copy and never ends (copies = 1, ends_early = False); or make its problem episodic"
+            )
+        self._env, self._feedback, self._problem = env, feedback, problem
+        self._worlds: dict[int, World] = {}  # K → K copies
+
+    def collect(self, policy: Act, windows: int, steps: int | None = None) -> tuple[Windows, Tensor]:
+        """Some windows of each replica, and their primitive rewards [R, n].
+
+        Args:
+            policy: whom to follow. windows: K. steps: of each window, where they are to be cut short; T by default.
+
+        Raises:
+            RunError: an episode ended that cannot. UserError: the environment's tensors have other shapes.
+        """
+        if self._env.ends_early:
+            return self._episodes(policy, windows, steps)
+        return self._even(policy, windows, steps or self._problem.window)
+
+    def evaluation(self, episodes: int) -> Apart:
+        """Episodes of each replica with copies and random numbers of their own."""
+        return Apart(self._env, self._problem, episodes)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Where the copies are; those that the environment has itself only as far as it does not know."""
+        return {
+            "worlds": {
+                count: {
+                    "now": None if world.now is None or self._problem.episodic else world.now.cpu().clone(),
+                    "env": None if world.env is self._env else world.env.state_dict(),
+                }
+                for count, world in self._worlds.items()
+            }
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on from there."""
+        for count, held in state["worlds"].items():
+            world = self._world(count)
+            world.now = None if held["now"] is None else held["now"].to(self._problem.device)
+            if held["env"] is not None:
+                world.env.load_state_dict(held["env"])
+
+    def _even(self, policy: Act, windows: int, steps: int) -> tuple[Windows, Tensor]:
+        """Windows of the same length: those of one copy follow each other, others run side by side."""
+        if self._env.copies == 1:
+            parts = [self._run(policy, self._world(1), windows, steps)]
+        else:
+            parts = [self._run(policy, self._world(count), 1, steps) for count in self._sizes(windows)]
+        states, actions, arrivals, rewards, seen = (
+            column[0] if len(column) == 1 else torch.cat(column, 1) for column in zip(*parts, strict=True)
+        )
+        labels = self._feedback(seen.unflatten(1, (windows, steps)))
+        return Windows(states, actions, arrivals, labels=labels, length=steps), rewards
+
+    def _run(self, policy: Act, world: World, windows: int, steps: int) -> tuple[Tensor, ...]:
+        """Rows [R, windows·K·T, ...] of every column; what the hot path of tables is."""
+        track, act, reads = Track(), policy.act, self._feedback.reads
+        step, episodic, now = world.env.step, self._problem.episodic, world.now
+        clock = world.ticks[:steps]
+        for _ in range(windows):
+            if episodic or now is None:
+                now = first_states(world, self._problem)
+            for t, tick in enumerate(clock):
+                action = act(now, tick)
+                out = step(action)
+                track.add(now, action, out)
+                if reads is not None:
+                    track.seen.append(out.facts.get(reads, out.rewards))
+                if out.terminated is not None and t + 1 < steps and over(out).any():
+                    raise RunError(
+                        f"{type(world.env).__name__} ended an episode in step {t} of a window of {steps}, and says "
+                        "that none does; let it say ends_early = True"
+                    )
+                now = out.states
+        world.now = now
+        columns = (track.states, track.actions, track.next_states, track.rewards, track.seen or track.rewards)
+        one = windows > 1 or len(world.ticks[0][0]) == 1  # only one copy has several windows
+        states, actions, arrivals, rewards, seen = (
+            torch.cat(column, 1) if one else torch.stack(column, 2).flatten(1, 2) for column in columns
+        )
+        return states, actions, arrivals, rewards.to(FLOAT), seen.to(FLOAT)
+
+    def _episodes(self, policy: Act, windows: int, steps: int | None) -> tuple[Windows, Tensor]:
+        """Episodes of any length."""
+        found = [
+            play(self._world(count), policy, self._problem, steps, self._feedback.reads)
+            for count in self._sizes(windows)
+        ]
+        grid = joined(found)
+        padded = torch.nn.functional.pad(grid.seen, (0, self._problem.window - grid.seen.shape[2]))
+        return grid.windows(self._feedback(padded)), grid.rows(grid.rewards)
+
+    def _sizes(self, windows: int) -> list[int]:
+        """How many windows run side by side, one time after the other."""
+        most = self._env.copies or windows
+        return [min(most, windows - start) for start in range(0, windows, most)]
+
+    def _world(self, count: int) -> World:
+        if count not in self._worlds:
+            env = self._env
+            if env.copies != 1:
+                env = env.twin()
+                env.start(self._problem, count, f"environment, {count} at once")
+            self._worlds[count] = World(env, ticks(self._problem, count))
+        return self._worlds[count]
+
+
+class Apart(Evaluation):
+    """Episodes of copies of their own, with random numbers of their own.
+
+    Args:
+        env: of what. problem: seeds and sizes. episodes: K, of each replica.
+    """
+
+    keeps: ClassVar = ("_env",)
+
+    def __init__(self, env: Environment, problem: Problem, episodes: int) -> None:
+        self._problem, self._env = problem, env.twin()
+        self._env.start(problem, episodes, "evaluation")
+        self._ticks = ticks(problem, episodes)
+
+    def __call__(self, policy: Policy) -> Evaluated:
+        """One episode of each copy."""
+        grid = play(World(self._env, self._ticks), policy, self._problem, facts=True)
+        return Evaluated(grid.windows(grid.rewards.sum(2)), grid.rows(grid.rewards), grid.facts)

@@ -1,0 +1,38 @@
+"""MSE proxies (9)–(11): how far each model can be trusted at a place, as pure equations."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from credit.core.belief import Estimate
+from credit.core.tensors import by_replica
+
+
+def spread(draws: Tensor, ddof: int = 0) -> Tensor:
+    """Variance over draws (10), [R, N] of [R, B, N]; `ddof` as in NumPy."""
+    return by_replica(lambda part: _spread(part, ddof), draws)
+
+
+def _spread(draws: Tensor, ddof: int) -> Tensor:
+    gaps = draws - draws.mean(1, keepdim=True)  # torch.var is several times slower here
+    return gaps.square_().sum(1) / max(draws.shape[1] - ddof, 1)
+
+
+def gap(reference: Estimate, surrogate: Estimate) -> Tensor:
+    """Δ̂² of a surrogate [R, N]: the mean over common draws of the squared gap (9); without, that of the fits (7)."""
+    first, second = reference.draws, surrogate.draws
+    if first is None or second is None or not first.shape[1]:
+        return (reference.mean - surrogate.mean).square()
+    return by_replica(lambda a, b: (a - b).square_().mean(1), first, second)
+
+
+def mse_proxies(variance: Tensor, disagreement: Tensor) -> Tensor:
+    """MSE̅ of each model [..., M, N]: Var̂ of the reference (10), Var̂ + Δ̂² of each surrogate (11).
+
+    Args:
+        variance: [..., M, N], the reference first. disagreement: Δ̂² [..., M−1, N].
+    """
+    if variance.shape[-2] != disagreement.shape[-2] + 1 or variance.shape[-1] != disagreement.shape[-1]:
+        raise ValueError(f"variances {tuple(variance.shape)} and gaps {tuple(disagreement.shape)} do not fit")
+    return torch.cat([variance[..., :1, :], variance[..., 1:, :] + disagreement], dim=-2)

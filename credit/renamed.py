@@ -1,0 +1,158 @@
+"""Old names and today's: run folders, YAML files and imports of older versions are understood, or answered.
+
+Light to import: no torch.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from importlib.abc import MetaPathFinder
+from typing import Any
+
+CLASSES = {  # classes that have another name, or became one with another
+    "credit.recovery.RewardRecovery": "credit.recovery.recovery.Recovery",
+    "credit.recovery.recovery.RewardRecovery": "credit.recovery.recovery.Recovery",
+    "credit.step_recovery.StepRecovery": "credit.recovery.recovery.Recovery",
+    "credit.rewards.step_linear.StepLinear": "credit.recovery.models.linear.LinearModel",
+    "credit.rewards.step_primitive.StepPrimitive": "credit.recovery.models.primitive.PrimitiveReward",
+    "credit.transitions.Exact": "credit.planning.exact.Exact",
+    "credit.transitions.FactoredMixture": "credit.envs.sepsis.factored.FactoredMixture",
+    "credit.transitions.ShiftMixture": "credit.envs.advertiser.shift.ShiftMixture",
+}
+SAID = {  # old target → keys that were not said then, since they were part of the class
+    "credit.rewards.step_linear.StepLinear": {
+        "uncertainty": {"_target_": "credit.recovery.uncertainty.bootstrap.Analytic", "noise": None}
+    },
+}
+GONE = {"poison"}  # keys that decided nothing
+MODULES = {
+    "credit.optimizers": "credit.agents",
+    "credit.optimizers.sac": "credit.agents.sac",
+    "credit.redistribution": "credit.rivals",
+    "credit.report.maze": "credit.report.pointmaze",
+    "credit.rewards": "credit.recovery.models",
+    "credit.rewards.features": "credit.recovery.features",
+    "credit.alike": "credit.recovery.tables",
+    "credit.artifacts": "credit.runs.artifacts",
+    "credit.bonuses": "credit.recovery.bonuses",
+    "credit.cells": "credit.core.cells",
+    "credit.checkpoint": "credit.runs.checkpoint",
+    "credit.component": "credit.core.component",
+    "credit.continuous": "credit.core.seams",
+    "credit.dataset": "credit.core.store",
+    "credit.envs.advertiser": "credit.envs.advertiser.environment",
+    "credit.envs.episodic": "credit.envs.exact.episodic",
+    "credit.envs.exact": "credit.envs.exact.base",
+    "credit.envs.sepsis": "credit.envs.sepsis.environment",
+    "credit.envs.tabular": "credit.envs.exact.continuing",
+    "credit.errors": "credit.core.errors",
+    "credit.feedback": "credit.envs.feedback",
+    "credit.interfaces": "credit.core.seams",
+    "credit.job": "credit.runs.job",
+    "credit.launchers": "credit.config.launchers",
+    "credit.loading": "credit.runs.load",
+    "credit.locks": "credit.runs.locks",
+    "credit.metrics": "credit.judges.exact",
+    "credit.mixers": "credit.recovery.mixers",
+    "credit.network_uncertainty": "credit.recovery.uncertainty.networks",
+    "credit.networks.draws": "credit.core.draws",
+    "credit.optimizers.block_ucb": "credit.agents.block_ucb",
+    "credit.optimizers.dqn": "credit.agents.dqn",
+    "credit.optimizers.finite_horizon": "credit.agents.finite_horizon",
+    "credit.optimizers.q_learning": "credit.agents.q_learning",
+    "credit.optimizers.random": "credit.agents.random",
+    "credit.optimizers.replay": "credit.data.replay",
+    "credit.optimizers.sac.buffer": "credit.data.replay",
+    "credit.optimizers.sac.learner": "credit.agents.sac.learner",
+    "credit.optimizers.sac.loss": "credit.agents.sac.loss",
+    "credit.optimizers.sac.networks": "credit.agents.sac.networks",
+    "credit.optimizers.sac.optimizer": "credit.agents.sac.optimizer",
+    "credit.optimizers.sac.policy": "credit.agents.sac.policy",
+    "credit.optimizers.value_iteration": "credit.agents.value_iteration",
+    "credit.planning": "credit.planning.solve",
+    "credit.recovery": "credit.recovery.recovery",
+    "credit.redistribution.rules": "credit.rivals.rules",
+    "credit.registry": "credit.config.registry",
+    "credit.report.maze.figures": "credit.report.pointmaze.figures",
+    "credit.report.maze.maps": "credit.report.pointmaze.maps",
+    "credit.report.maze.pictures": "credit.report.pointmaze.pictures",
+    "credit.report.maze.render": "credit.report.pointmaze.render",
+    "credit.report.maze.tracks": "credit.report.pointmaze.tracks",
+    "credit.report.maze.videos": "credit.report.pointmaze.videos",
+    "credit.resuming": "credit.runs.resume",
+    "credit.rewards.batches": "credit.recovery.models.batches",
+    "credit.rewards.features.clinical": "credit.envs.sepsis.features",
+    "credit.rewards.features.maze": "credit.envs.pointmaze.features",
+    "credit.rewards.features.motion": "credit.recovery.features.motion",
+    "credit.rewards.features.tabular": "credit.recovery.features.tabular",
+    "credit.rewards.linear": "credit.recovery.models.linear",
+    "credit.rewards.neural": "credit.recovery.models.neural",
+    "credit.rewards.primitive": "credit.recovery.models.primitive",
+    "credit.rewards.step_linear": "credit.recovery.models.linear",
+    "credit.rewards.step_primitive": "credit.recovery.models.primitive",
+    "credit.rewards.table": "credit.recovery.models.table",
+    "credit.runner": "credit.runs.runner",
+    "credit.runs": "credit.runs.folders",
+    "credit.scaler": "credit.recovery.scaler",
+    "credit.schema": "credit.config.schema",
+    "credit.session": "credit.runs.session",
+    "credit.signals": "credit.runs.signals",
+    "credit.signatures": "credit.config.signatures",
+    "credit.stateful": "credit.core.state",
+    "credit.step_recovery": "credit.recovery.recovery",
+    "credit.streams": "credit.core.streams",
+    "credit.tables": "credit.core.seams",
+    "credit.tensors": "credit.core.tensors",
+    "credit.tracking.journal": "credit.runs.journal",
+    "credit.trajectories": "credit.core.store",
+    "credit.transitions": "credit.planning.counts",
+    "credit.transitions.counts": "credit.planning.counts",
+    "credit.transitions.exact": "credit.planning.exact",
+    "credit.transitions.factored": "credit.envs.sepsis.factored",
+    "credit.transitions.shift": "credit.envs.advertiser.shift",
+    "credit.types": "credit.core.problem",
+    "credit.uncertainty": "credit.recovery.uncertainty.bootstrap",
+    "credit.work": "credit.runs.work",
+}
+
+
+def today(target: str) -> str:
+    """Today's name of a class that was called `target`; the same if it still is.
+
+    Example:
+        >>> today("credit.bonuses.Count")
+        'credit.recovery.bonuses.Count'
+    """
+    module, _, name = target.rpartition(".")
+    return CLASSES.get(target) or (f"{MODULES[module]}.{name}" if module in MODULES else target)
+
+
+def translated(config: Any) -> Any:
+    """A configuration of any version, as today's code would have written it; what is not understood stays."""
+    if isinstance(config, Mapping):
+        found = {key: translated(value) for key, value in config.items()}
+        if isinstance(target := found.get("_target_"), str):
+            found = {key: value for key, value in found.items() if key not in GONE}
+            found = {**SAID.get(target, {}), **found, "_target_": today(target)}
+        return found
+    return [translated(value) for value in config] if isinstance(config, list) else config
+
+
+class Answers(MetaPathFinder):
+    """Says where a module has gone; asked only where Python has found none."""
+
+    def find_spec(self, fullname: str, path: Any, target: Any = None) -> None:
+        """Never finds anything.
+
+        Raises:
+            ModuleNotFoundError: the module has another name now.
+        """
+        if fullname in MODULES:
+            raise ModuleNotFoundError(f"{fullname} is {MODULES[fullname]} since credit 0.2", name=fullname)
+
+
+def answer_old_imports() -> None:
+    """`import credit.mixers` says where it is now."""
+    if not any(isinstance(finder, Answers) for finder in sys.meta_path):
+        sys.meta_path.append(Answers())

@@ -1,0 +1,61 @@
+"""An environment of one's own runs with whatever can take its spaces, and others say why they cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+import torch
+
+from credit.agents.q_learning import QLearning
+from credit.agents.random import Random
+from credit.agents.sac.optimizer import SAC
+from credit.core.errors import UserError
+from credit.core.seams import Agent, Feedback
+from credit.envs.feedback import BlockSum, Success, Terminal
+from credit.rivals.rules import Delayed
+from credit.trainer import Trainer
+
+from .outside import Shelves
+
+Journal = list[tuple[int, dict[str, torch.Tensor]]]
+ROUNDS = {"steps": 96, "windows_per_round": 2, "log_every": 2}
+
+
+def sac() -> SAC:
+    return SAC(width=8, batch=8, updates=4, first_updates=4, success_share=0)
+
+
+def trained(env: Shelves, agent: Agent, feedback: Feedback | None = None) -> tuple[Trainer, Journal]:
+    journal: Journal = []
+    trainer = Trainer(env, feedback or BlockSum(12, 0.1), Delayed(), agent, **ROUNDS)
+    trainer.start((3, 4))
+    trainer.run(lambda step, values: journal.append((step, values)))
+    return trainer, journal
+
+
+@pytest.mark.parametrize(("view", "agent"), [("auto", Random), ("vector", Random), ("auto", sac), ("vector", sac)])
+def test_agents_that_can_take_its_spaces_run(view: str, agent: Callable[[], Agent]) -> None:
+    trainer, journal = trained(Shelves(view), agent())  # type: ignore[arg-type]
+    assert [step for step, _ in journal] == [24, 48, 72, 96]
+    windows = trainer.store.windows
+    assert windows.labels.shape == (2, 8)
+    assert windows.states.shape[2:] == (() if view == "auto" else (7,))
+    assert windows.actions.shape[2:] == (1,)
+    for _, values in journal:
+        assert {"eval/return", "eval/length", "eval/auc", "eval/final", "collect/steps"} <= values.keys()
+        assert "eval/success" not in values
+        assert all(value.shape == (2,) for value in values.values())
+    assert torch.equal(journal[-1][1]["collect/steps"].long(), windows.lengths.sum(1))
+
+
+def test_success_is_judged_where_it_is_the_label() -> None:
+    _, journal = trained(Shelves("vector"), Random(), Success(12))
+    assert {"eval/success", "eval/learned", "eval/lost"} <= journal[-1][1].keys()
+
+
+def test_agents_that_cannot_say_why() -> None:
+    with pytest.raises(UserError, match=r"QLearning needs .*actions that are numbers.*here they are vectors"):
+        trained(Shelves(), QLearning())
+    with pytest.raises(UserError, match=r"Terminal reads the reward of a window's last step"):
+        trained(Shelves(), Random(), Terminal(12))
