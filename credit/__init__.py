@@ -11,6 +11,9 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, Any
 
+from credit.envs.registration import register_soon
+from credit.renamed import answer_old_imports
+
 __version__ = "0.2.0"
 
 if TYPE_CHECKING:
@@ -18,12 +21,9 @@ if TYPE_CHECKING:
     from credit.runs.resume import resume
     from credit.runs.runner import Result, compose, run
 
-import credit.envs  # noqa: F401 - registers our environments with Gymnasium, by their names alone
-from credit.renamed import answer_old_imports
-
-answer_old_imports()
-
 os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # TorchRL reads it once, and tells of every buffer otherwise
+answer_old_imports()
+register_soon()  # our environments, with Gymnasium, once it is imported
 
 __all__ = ["Result", "Run", "compose", "load", "resume", "run"]
 _HOMES = {

@@ -1,4 +1,4 @@
-"""`python launch/bench.py …` is `credit bench …`, from a checkout."""
+"""`credit bench`: speed and memory against peers, as ratios within one run."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""`python launch/check.py …` is `credit check …`, from a checkout."""
+"""`credit check`: compose and check a configuration, build nothing."""
 
 import sys
 

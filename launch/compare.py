@@ -1,4 +1,4 @@
-"""`python launch/compare.py …` is `credit compare …`, from a checkout."""
+"""`credit compare`: tables, intervals and figures from finished runs."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""`python launch/dashboard.py …` is `credit dashboard …`, from a checkout."""
+"""`credit dashboard`: MLflow's UI on the project's store, on 127.0.0.1."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""`python launch/list.py …` is `credit list …`, from a checkout."""
+"""`credit list`: every registered component: name, one line, parameters with their defaults."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""`python launch/resume.py …` is `credit resume …`, from a checkout."""
+"""`credit resume`: finish a run or a sweep from its folder alone."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""`python launch/sync.py …` is `credit sync …`, from a checkout."""
+"""`credit sync`: upload to MLflow what it lacks of earlier sessions."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""`python launch/train.py …` is `credit train …`, from a checkout."""
+"""`credit train`: run one job; with -m a sweep over comma-separated values."""
 
 import sys
 

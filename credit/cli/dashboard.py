@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import socket
 import sys
-import warnings
-from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Any
 
 from credit.cli.main import guarded
 from credit.cli.words import Reader, read_words, whole
 from credit.core.errors import UserError
+from credit.tracking import server
 from credit.tracking.store import quiet_environment, resolve_uri, sqlite_file, uri_problem
 
 HOST = "127.0.0.1"
 PORT = 5000
-
-Receive = Callable[[], Awaitable[Any]]
-Send = Callable[[Any], Awaitable[None]]
-App = Callable[[dict[str, Any], Receive, Send], Awaitable[None]]
-
 
 HELP = f"""\
 Open MLflow's UI on the project's store, on {HOST}; it shows the newest sweep.
@@ -65,7 +57,7 @@ def dashboard(output: Path = Path("outputs"), port: int = PORT, uri: str | None 
     uri = resolve_uri(uri, output)
     os.environ.update(quiet_environment() | {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"})
     if uri.startswith("http"):
-        print(f"open {uri.rstrip('/')}/{_newest(uri)}")
+        print(f"open {uri.rstrip('/')}/{server.newest(uri)}")
         return 0
     store = sqlite_file(uri)
     if store is not None and not store.exists():
@@ -73,22 +65,11 @@ def dashboard(output: Path = Path("outputs"), port: int = PORT, uri: str | None 
             f"there is no tracking store {store} yet; train first, for example:\n"
             "credit train -m experiment=advertiser method=delayed,reference,disagreement replicas=5"
         )
-    _newest(uri)
+    server.newest(uri)
     _require_free(port)
     print(f"dashboard: http://{HOST}:{port}/   (Ctrl-C ends it)", flush=True)
-    _serve(uri, port)
+    server.serve(uri, HOST, port)
     return 0
-
-
-def _newest(uri: str) -> str:
-    from mlflow import MlflowClient
-
-    from credit.tracking.landing import newest_view
-
-    try:
-        return newest_view(MlflowClient(uri))
-    except Exception as error:  # of the driver, the network, the schema
-        raise UserError(f"the tracking store {uri} cannot be read: {error}") from None
 
 
 def _require_free(port: int) -> None:
@@ -98,46 +79,6 @@ def _require_free(port: int) -> None:
             probe.bind((HOST, port))
         except (OSError, OverflowError) as error:
             raise UserError(f"port={port} on {HOST} cannot be used ({error}); try port={PORT + 1}") from None
-
-
-def _serve(uri: str, port: int) -> None:
-    from mlflow.server.constants import BACKEND_STORE_URI_ENV_VAR
-
-    # MLflow's server reads its store from the environment, when it is imported.
-    os.environ[BACKEND_STORE_URI_ENV_VAR] = uri
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        import uvicorn
-        from mlflow import MlflowClient
-        from mlflow.server.fastapi_app import app
-
-    from credit.tracking.landing import landing_page
-
-    client = MlflowClient(uri)
-    with contextlib.suppress(KeyboardInterrupt):
-        uvicorn.run(
-            opening_on(app, lambda: landing_page(client)),
-            host=HOST,
-            port=port,
-            log_level="warning",
-            timeout_graceful_shutdown=1,
-        )
-
-
-def opening_on(app: App, page: Callable[[], str]) -> App:
-    """MLflow's application, with a page of our own at `/`; `/?ui` and other hosts are left to MLflow."""
-    from starlette.responses import HTMLResponse
-
-    async def opening(scope: dict[str, Any], receive: Receive, send: Send) -> None:
-        """Answer one request."""
-        host = dict(scope.get("headers", ())).get(b"host", b"").partition(b":")[0]
-        at_root = scope["type"] == "http" and scope["path"] == "/" and not scope["query_string"]
-        if at_root and host in (b"127.0.0.1", b"localhost"):
-            await HTMLResponse(page(), headers={"Cache-Control": "no-store"})(scope, receive, send)
-        else:
-            await app(scope, receive, send)
-
-    return opening
 
 
 if __name__ == "__main__":

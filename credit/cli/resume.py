@@ -72,7 +72,7 @@ def _runs(folder: Path) -> int:
     from credit.runs.resume import resume
 
     with interruptible(True):
-        results = resume(folder, owns_process=True)
+        results = resume(folder, threads=1, signals=True)
     for result in results:
         seeds = f"{len(result.computed)} seeds, {len(result.resumed)} of them resumed"
         line = f"failed   {result.title}: {result.error}" if result.error else f"done     {result.title}: {seeds}"

@@ -84,8 +84,10 @@ class Task:
         interruption: KeyboardInterrupt | None = None
         try:
             from credit.runs.runner import run_job  # takes seconds, in which one may be interrupted
+            from credit.runs.threads import limited
 
-            result = run_job(config, overrides, session, number, pulse.progress, owns_process=True)
+            with limited(1):  # a worker a core
+                result = run_job(config, overrides, session, number, pulse.progress, signals=True)
             pulse.halt()
             values = {key: float(result.metrics[key].mean()) for key in HEADLINES if key in result.metrics}
             seeds = {name: len(getattr(result, name, ())) for name in ("computed", "skipped", "resumed")}

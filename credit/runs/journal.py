@@ -15,7 +15,7 @@ from typing import Any
 
 import yaml
 
-import credit
+from credit import __version__
 from credit.core.errors import UserError
 
 FLUSH_SECONDS = 1.0
@@ -181,7 +181,7 @@ def git_commit() -> str | None:
 @cache
 def versions() -> dict[str, str]:
     """Versions of the packages that decide a result."""
-    found = {"credit": credit.__version__}
+    found = {"credit": __version__}  # of the code that runs, whatever is installed beside it
     for package in PACKAGES:
         try:
             found[package] = version(package)

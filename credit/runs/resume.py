@@ -12,13 +12,16 @@ from credit.runs import folders
 from credit.runs import job as jobs
 from credit.runs.runner import Progress, Result, run_job
 from credit.runs.session import Session
+from credit.runs.threads import limited
 
 
-def resume(folder: str | Path, progress: Progress | None = None, owns_process: bool = False) -> list[Result]:
+def resume(
+    folder: str | Path, progress: Progress | None = None, *, threads: int | None = None, signals: bool = False
+) -> list[Result]:
     """Go on with the unfinished runs in or below a folder; those that were computed side by side are again.
 
     Args:
-        folder: a run's folder, or one with runs below it. progress, owns_process: as in `credit.run`.
+        folder: a run's folder, or one with runs below it. progress, threads, signals: as in `credit.run`.
 
     Returns:
         One result a job; none where all is done.
@@ -38,17 +41,18 @@ def resume(folder: str | Path, progress: Progress | None = None, owns_process: b
     first, parent = found[0]
     output, kind = parent.parents[2], "job" if len(found) == 1 else "sweep"
     plan = [jobs.plan(config, []) | {"slug": place.name} for config, place in found]
-    session = Session.begin(output, kind, first["experiment"], ["resume", str(folder)], first["tracking"], plan)
-    tracking = schema.build(first, "tracking")
-    tracking.start(session.folder, output)
-    status, results = "KILLED", list[Result]()
-    try:
-        for number, (config, place) in enumerate(found):
-            results.append(run_job(config, [], session, number, progress, place, owns_process))
-        status = "FAILED" if any(result.status != "FINISHED" for result in results) else "FINISHED"
-    finally:
-        session.finish(status)
-        tracking.finish()
+    with limited(threads):
+        session = Session.begin(output, kind, first["experiment"], ["resume", str(folder)], first["tracking"], plan)
+        tracking = schema.build(first, "tracking")
+        tracking.start(session.folder, output)
+        status, results = "KILLED", list[Result]()
+        try:
+            for number, (config, place) in enumerate(found):
+                results.append(run_job(config, [], session, number, progress, place, signals=signals))
+            status = "FAILED" if any(result.status != "FINISHED" for result in results) else "FINISHED"
+        finally:
+            session.finish(status)
+            tracking.finish()
     return results
 
 

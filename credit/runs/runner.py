@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from credit.config import registry, schema
 from credit.runs import folders
 from credit.runs import job as jobs
 from credit.runs.session import JobRecord, Session
+from credit.runs.threads import limited
 from credit.runs.work import Progress, Work
 
 
@@ -59,18 +59,23 @@ def run(
     *,
     config_dirs: Sequence[str] = (),
     progress: Progress | None = None,
-    owns_process: bool = False,
+    threads: int | None = None,
+    signals: bool = False,
 ) -> Result:
-    """Run one job from Python, as `credit train` does.
+    """Run one job from Python, as `credit train` does with `threads=1, signals=True`.
 
     Args:
         overrides: as on the command line: `["method=reference", "replicas=5"]`.
         config_dirs: further folders of YAML files.
         progress: called with (title, steps done, steps in all).
-        owns_process: whether credit may set the process's threads (to one) and handle its signals, as a command does.
+        threads: how many the run computes on; None leaves PyTorch's as they are. To the bit, a run is the same only on
+            as many.
+        signals: whether SIGINT and SIGTERM end the run behind its round, with a checkpoint. Without, the process hears
+            them as before: Ctrl-C ends it in the middle of a round, and the last checkpoint may be a minute old.
 
     Raises:
-        UserError: the configuration is wrong; nothing was made.
+        UserError: the configuration or `threads` is wrong; nothing was made.
+        KeyboardInterrupt: after Ctrl-C, or a signal that was heard; what was reached is kept.
 
     Example:
         >>> credit.run(["experiment=advertiser", "method=reference", "replicas=5"]).metrics["regret/cumulative"]
@@ -79,18 +84,19 @@ def run(
     job = jobs.Job.of(config)
     place(config, list(overrides))  # refuses a folder of another configuration before anything is made
     plan = [jobs.plan(config, list(overrides))]
-    session = Session.begin(
-        job.folder, "job", job.experiment, ["train", *overrides], config["tracking"], plan, config_dirs
-    )
-    tracking = schema.build(config, "tracking")
-    tracking.start(session.folder, job.folder)
-    status = "KILLED"
-    try:
-        result = run_job(config, list(overrides), session, 0, progress, owns_process=owns_process)
-        status = result.status
-    finally:
-        session.finish(status)
-        tracking.finish()
+    with limited(threads):
+        session = Session.begin(
+            job.folder, "job", job.experiment, ["train", *overrides], config["tracking"], plan, config_dirs
+        )
+        tracking = schema.build(config, "tracking")
+        tracking.start(session.folder, job.folder)
+        status = "KILLED"
+        try:
+            result = run_job(config, list(overrides), session, 0, progress, signals=signals)
+            status = result.status
+        finally:
+            session.finish(status)
+            tracking.finish()
     return result
 
 
@@ -118,7 +124,8 @@ def run_job(
     number: int,
     progress: Progress | None = None,
     parent: Path | None = None,
-    owns_process: bool = False,
+    *,
+    signals: bool = False,
 ) -> Result:
     """Compute the seeds of a checked job that are not done yet, and go on with those that were interrupted.
 
@@ -127,22 +134,19 @@ def run_job(
     Args:
         config: checked. overrides: as they were typed. session, number: whose job it is. progress: as in `run`.
         parent: the folder of its runs, where that is not to be told from the overrides.
-        owns_process: whether the process is there for the job alone: it then computes on one thread, and SIGINT or
-            SIGTERM end the run after its round, with a checkpoint. A library leaves both to its user.
+        signals: as in `run`.
 
     Raises:
         UserError: the parts refuse their sizes, or a folder holds another run; no run was touched.
         KeyboardInterrupt: after a signal, with checkpoints written and journals closed with status KILLED.
     """
-    if owns_process:
-        torch.set_num_threads(1)
     job = jobs.Job.of(config)
     begun, computed, resumed = time.monotonic(), list[int](), list[int]()
     status, error = "FINISHED", None
     with folders.claimed(config, parent or folder_of(config, overrides)) as found:
         for group in found.groups:
             work = Work(config, overrides, session, number, found, group)
-            status, error = work.compute(progress, hear=owns_process)
+            status, error = work.compute(progress, signals)
             computed += group.wanted
             resumed += group.wanted if group.interrupted else ()
             if status != "FINISHED":

@@ -59,23 +59,23 @@ class Work:
         self._saved, self._rounds = time.monotonic(), self.trainer.rounds
         self._news = self.job.title
 
-    def compute(self, progress: Progress | None = None, hear: bool = False) -> tuple[str, str | None]:
+    def compute(self, progress: Progress | None = None, heed: bool = False) -> tuple[str, str | None]:
         """Run to the end; the status, and why it failed.
 
         Args:
-            progress: as in `credit.run`. hear: whether SIGINT and SIGTERM end the run after its round.
+            progress: called with (title, steps done, steps in all). heed: whether signals end it between two rounds.
 
         Raises:
             KeyboardInterrupt: a signal said so.
         """
-        trainer, status, error = self.trainer, "KILLED", None
+        trainer, status, error, stop = self.trainer, "KILLED", None, signals.Stop()
 
         def show(steps: int) -> None:
             if progress:
                 progress(self._news, steps, trainer.steps)
 
         try:
-            with signals.noted() if hear else nullcontext(signals.Stop()) as stop:
+            with signals.noted() if heed else nullcontext(stop) as stop:
                 trainer.run(self._note, show, lambda: self._between(stop))
             for index, seed in enumerate(self.group.seeds):
                 if seed in self.group.wanted:

@@ -168,6 +168,6 @@ def test_a_signal_in_the_last_round_lets_no_other_job_begin(folder, monkeypatch)
 
     monkeypatch.setattr(Trainer, "_learn", last)
     with pytest.raises(KeyboardInterrupt):
-        package.run(["method=random", "replicas=1", "trainer.steps=140", "tracking=none"])
+        package.run(["method=random", "replicas=1", "trainer.steps=140", "tracking=none"], signals=True)
     assert len(list(folder.rglob("DONE"))) == 1
     assert not list(folder.rglob("*checkpoint*"))

@@ -13,14 +13,15 @@ from typing import Any
 
 SITE, HERE = Path(sys.argv[1]), Path(__file__).parent
 sys.path.insert(0, str(HERE))
-from launching import SHORT, begin, until  # noqa: E402
+from launching import ROOT, SHORT, begin, until  # noqa: E402
 
-ADDRESS = "127.0.0.1:6379"
+HOST = "127.0.0.1"
+ADDRESS = f"{HOST}:6379"
 
 
 def node(*words: str) -> subprocess.Popen[Any]:
     """Start a node of one core, which stays in the foreground."""
-    command = [str(Path(sys.executable).with_name("ray")), "start", "--block", "--num-cpus=1", *words]
+    command = [str(ROOT / "launch/ray.sh"), *words, "--block", "--num-cpus=1"]
     return subprocess.Popen(command, cwd=SITE, stdout=(SITE / "ray.log").open("a"), stderr=subprocess.STDOUT)
 
 
@@ -38,10 +39,11 @@ def node_of(worker: int) -> int:
 subprocess.run(["ip", "link", "set", "lo", "up"], check=True)
 with tempfile.TemporaryDirectory(prefix="ray") as folder:  # a short path: Ray puts sockets there
     os.environ |= {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": secrets.token_hex(16)}
-    node("--head", "--port=6379", "--node-ip-address=127.0.0.1", "--include-dashboard=false", f"--temp-dir={folder}")
+    os.environ["PATH"] = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    node("head", HOST, f"--temp-dir={folder}")
     until(lambda: len(raylets()) == 1)
     (head,) = raylets()
-    node(f"--address={ADDRESS}", "--node-ip-address=127.0.0.1")
+    node("join", HOST, f"--node-ip-address={HOST}")
     until(lambda: len(raylets()) == 2)
     (SITE / "wait").touch()
     launcher = ("hydra/launcher=ray", f"hydra.launcher.ray.init.address={ADDRESS}")

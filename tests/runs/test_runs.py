@@ -5,14 +5,12 @@ from __future__ import annotations
 import csv
 import os
 import shutil
-import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-import torch
 import yaml
 
 import credit
@@ -297,21 +295,3 @@ def test_a_journal_without_rows_goes_on_from_its_beginning(tmp_path):
     assert [line.rpartition(",")[0] for line in (folders[1] / "metrics.csv").read_text().splitlines()] == [
         *("step,x", "7,2.0", "14,")
     ]
-
-
-def test_a_library_leaves_threads_and_signals_to_its_user(tmp_path):
-    threads, handler = torch.get_num_threads(), signal.getsignal(signal.SIGTERM)
-    seen = []
-    try:
-        torch.set_num_threads(2)
-        words = ["method=random", "replicas=1", "trainer.steps=70", "tracking=none", f"output={tmp_path}"]
-        credit.run(words, progress=lambda *_: seen.append((torch.get_num_threads(), signal.getsignal(signal.SIGTERM))))
-        assert set(seen) == {(2, handler)}
-        seen.clear()
-        note = lambda *_: seen.append((torch.get_num_threads(), signal.getsignal(signal.SIGTERM)))  # noqa: E731
-        credit.run([*words, "seed=1"], owns_process=True, progress=note)
-        assert {count for count, _ in seen} == {1}
-        assert handler not in {heard for _, heard in seen}
-        assert signal.getsignal(signal.SIGTERM) is handler
-    finally:
-        torch.set_num_threads(threads)

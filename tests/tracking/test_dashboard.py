@@ -10,7 +10,7 @@ from mlflow import MlflowClient
 
 from credit.cli import dashboard
 from credit.core.errors import UserError
-from credit.tracking import landing
+from credit.tracking import landing, server
 from credit.tracking.mirror import Mirror
 
 from .conftest import FakeSession
@@ -102,5 +102,5 @@ def test_only_the_root_is_ours(path: str, query: bytes, host: bytes, ours: bool)
         return None
 
     scope = {"type": "http", "path": path, "query_string": query, "headers": [(b"host", host)]}
-    anyio.run(dashboard.opening_on(mlflow_itself, lambda: "page"), scope, receive, send)
+    anyio.run(server.opening_on(mlflow_itself, lambda: "page"), scope, receive, send)
     assert answered == (["http.response.start", "http.response.body"] if ours else ["mlflow"])

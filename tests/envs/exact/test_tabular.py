@@ -9,7 +9,7 @@ import scipy.stats
 import torch
 from gymnasium.utils.env_checker import check_env
 
-import credit.envs  # noqa: F401 - registers credit/Advertiser-v0
+import credit  # noqa: F401 - registers credit/Advertiser-v0
 from credit.core.errors import UserError
 from credit.core.store import Windows
 from credit.envs.advertiser.environment import Advertiser
