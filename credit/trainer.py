@@ -17,7 +17,8 @@ from credit.core.errors import RunError, UserError
 from credit.core.knowledge import inform
 from credit.core.ranges import NonNegativeInt, PositiveInt
 from credit.core.seams import Agent, CreditAssigner, Environment, Feedback
-from credit.core.store import Store, Windows
+from credit.core.store import Store
+from credit.core.windows import Windows
 from credit.envs.collect import Collector
 from credit.judges.choose import judge
 

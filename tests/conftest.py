@@ -20,7 +20,7 @@ import credit
 from credit.config import registry, schema
 from credit.core.problem import Problem
 from credit.core.steps import Steps
-from credit.core.store import Episode, Windows
+from credit.core.windows import Episode, Windows
 from credit.envs.advertiser.environment import Advertiser
 from credit.runs import job
 from credit.trainer import Trainer

@@ -12,7 +12,8 @@ from credit.config import registry
 from credit.core.errors import RunError, UserError
 from credit.core.policy import Policy
 from credit.core.seams import Agent, CreditAssigner
-from credit.core.store import Store, Windows
+from credit.core.store import Store
+from credit.core.windows import Windows
 from credit.envs.collect import Collector
 from credit.envs.feedback import BlockSum
 from credit.runs import job

@@ -22,7 +22,7 @@ from torchrl.data import Bounded, LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.objectives import SACLoss, SoftUpdate, ValueEstimators
 
 from credit.agents.sac.networks import CRITICS, actor_module, critic_module
-from credit.core.store import Windows
+from credit.core.windows import Windows
 from credit.networks.stack import Shape
 
 ROWS, LENGTH, BATCH, WIDTH, UPDATES = 10_000, 100, 256, 256, 64

@@ -11,7 +11,8 @@ from torch import Tensor
 from credit.bench.measure import Row, taken_in_turns
 from credit.core.problem import Problem
 from credit.core.seams import RewardModel
-from credit.core.store import Store, Windows
+from credit.core.store import Store
+from credit.core.windows import Windows
 from credit.envs.pointmaze.environment import PointMaze
 from credit.envs.pointmaze.features import MazeCells, MazeGeometry
 from credit.recovery.features.motion import Motion

@@ -11,7 +11,7 @@ from torch import Tensor
 from credit.bench.measure import Row, cpu_seconds, tensor_megabytes
 from credit.config import schema
 from credit.core.problem import FLOAT, Problem
-from credit.core.store import Windows
+from credit.core.windows import Windows
 from credit.recovery.models.table import TableModel
 from credit.recovery.places import Table
 from credit.runs.runner import compose

@@ -12,7 +12,7 @@ from scipy import stats
 from credit.bench import naive
 from credit.bench.measure import Row, cpu_seconds, peak_megabytes, tensor_megabytes
 from credit.config import schema
-from credit.core.store import Windows
+from credit.core.windows import Windows
 from credit.runs.runner import compose
 from credit.trainer import Trainer
 

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import torch
 from torch import Tensor
 
 from credit.core.errors import UserError
 from credit.core.problem import Problem
-
-if TYPE_CHECKING:
-    from credit.core.store import Windows
+from credit.core.windows import Windows
 
 
 def check_windows(windows: Windows, problem: Problem) -> None:

@@ -22,9 +22,10 @@ from credit.core.policy import Policy
 from credit.core.problem import Problem
 from credit.core.state import Stateful
 from credit.core.steps import Steps
-from credit.core.store import Store, Windows
+from credit.core.store import Store
 from credit.core.tensors import matvec
 from credit.core.truth import Truth
+from credit.core.windows import Windows
 
 Objective = Literal["sum", "last"]  # what a label is about: all rewards of a window together, or its last one
 

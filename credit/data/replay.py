@@ -12,8 +12,9 @@ from credit.core.draws import Draws
 from credit.core.problem import Problem
 from credit.core.seams import CreditAssigner
 from credit.core.state import Stateful
-from credit.core.store import Store, Windows, put
+from credit.core.store import Store, put
 from credit.core.tensors import grown
+from credit.core.windows import Windows
 from credit.data.preferred import Prefer, preferred
 from credit.data.returns import discounted_sums, episode_ends
 

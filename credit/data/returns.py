@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from credit.core.store import Windows
+from credit.core.windows import Windows
 
 
 def episode_ends(windows: Windows, episodic: bool, start: int = 0) -> tuple[Tensor, Tensor]:

@@ -13,7 +13,7 @@ from credit.core.policy import Policy
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Act, Environment, Evaluated, Evaluation, Feedback
 from credit.core.state import Stateful
-from credit.core.store import Windows
+from credit.core.windows import Windows
 from credit.envs.episodes import Track, World, first_states, joined, over, play, ticks
 
 

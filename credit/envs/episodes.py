@@ -12,7 +12,7 @@ from torch import Tensor
 from credit.core.errors import UserError
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Act, Environment, Transitions
-from credit.core.store import Windows
+from credit.core.windows import Windows
 
 
 @dataclass

@@ -14,8 +14,8 @@ from credit.core.errors import UserError
 from credit.core.policy import Policy, tabulate
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Agent, Judge
-from credit.core.store import Windows
 from credit.core.truth import ContinuingTruth, EpisodicTruth
+from credit.core.windows import Windows
 
 
 def policy_error(policy: Tensor, optimal: Tensor, weight: Tensor | None = None) -> Tensor:

@@ -13,7 +13,7 @@ from credit.core.belief import Belief
 from credit.core.policy import Policy
 from credit.core.problem import Problem
 from credit.core.seams import Agent, Evaluated, Evaluation, Judge
-from credit.core.store import Windows
+from credit.core.windows import Windows
 from credit.judges.exact import trust_metrics
 
 RETURNS, SUCCESSES = ("auc", "final"), ("auc", "final", "learned", "lost")

@@ -12,8 +12,8 @@ from credit.core.errors import UserError
 from credit.core.problem import FLOAT, Problem
 from credit.core.ranges import NonNegative
 from credit.core.seams import Transition, TransitionTable
-from credit.core.store import Windows
 from credit.core.tensors import grown
+from credit.core.windows import Windows
 
 LARGEST = 1_000_000  # entries of P̂
 

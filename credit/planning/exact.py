@@ -10,7 +10,7 @@ from credit.core.errors import UserError
 from credit.core.knowledge import KnownTransitions
 from credit.core.problem import Problem
 from credit.core.seams import Transition
-from credit.core.store import Windows
+from credit.core.windows import Windows
 
 
 class Exact(Transition):

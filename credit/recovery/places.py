@@ -12,8 +12,9 @@ from credit.core.cells import Cells
 from credit.core.problem import Problem
 from credit.core.seams import Look, Places
 from credit.core.steps import Steps
-from credit.core.store import Store, Windows, put
+from credit.core.store import Store, put
 from credit.core.tensors import grown
+from credit.core.windows import Windows
 
 
 class Table(Places):

@@ -16,7 +16,8 @@ from credit.core.errors import UserError
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Bonus, CreditAssigner, Mixer, RewardModel, Scaler
 from credit.core.steps import Steps
-from credit.core.store import Store, Windows
+from credit.core.store import Store
+from credit.core.windows import Windows
 from credit.recovery.mixers import best_model, mix
 from credit.recovery.places import Rows, Table
 from credit.recovery.proxies import gap, mse_proxies

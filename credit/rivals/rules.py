@@ -6,7 +6,8 @@ from torch import Tensor
 
 from credit.core.problem import Problem
 from credit.core.seams import CreditAssigner
-from credit.core.store import Store, Windows
+from credit.core.store import Store
+from credit.core.windows import Windows
 
 
 class _Rule(CreditAssigner):

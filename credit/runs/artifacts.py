@@ -15,7 +15,7 @@ from credit.core.belief import Belief
 from credit.core.policy import tabulate
 from credit.core.state import Stateful, pack, unpack
 from credit.core.steps import Steps
-from credit.core.store import Windows
+from credit.core.windows import Windows
 from credit.recovery.recovery import Recovery
 from credit.trainer import Trainer
 

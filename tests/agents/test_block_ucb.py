@@ -12,7 +12,8 @@ from credit.agents.block_ucb import BlockUCB
 from credit.core.errors import UserError
 from credit.core.policy import TablePolicy
 from credit.core.problem import Problem
-from credit.core.store import Store, Windows
+from credit.core.store import Store
+from credit.core.windows import Windows
 from credit.rivals.rules import Delayed
 
 Make = Callable[..., Problem]

@@ -17,8 +17,9 @@ from credit.core.policy import TablePolicy, tabulate
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import CreditAssigner, FeatureMap
 from credit.core.steps import Steps
-from credit.core.store import Episode, Store, Windows
+from credit.core.store import Store
 from credit.core.streams import generators
+from credit.core.windows import Episode, Windows
 from credit.data.replay import Replay
 from credit.networks.perceptron import ReplicaLinear
 from credit.rivals.rules import Delayed, Uniform

@@ -15,7 +15,8 @@ from credit.core.cells import PAIRS, Cells
 from credit.core.policy import TablePolicy
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import CreditAssigner, Transition
-from credit.core.store import Store, Windows
+from credit.core.store import Store
+from credit.core.windows import Windows
 from credit.planning.counts import Counts, ObservedCounts
 
 Make = Callable[..., Problem]

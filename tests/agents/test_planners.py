@@ -16,7 +16,8 @@ from credit.agents.value_iteration import ValueIteration
 from credit.core.policy import Policy, TablePolicy
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import CreditAssigner
-from credit.core.store import Store, Windows
+from credit.core.store import Store
+from credit.core.windows import Windows
 from credit.planning.counts import Counts
 from credit.planning.solve import NEARLY_ONE, policy_iteration
 from credit.recovery.bonuses import Count

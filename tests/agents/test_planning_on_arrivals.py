@@ -18,7 +18,8 @@ from credit.core.errors import UserError
 from credit.core.policy import TablePolicy
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Agent, CreditAssigner, Transition
-from credit.core.store import Store, Windows
+from credit.core.store import Store
+from credit.core.windows import Windows
 from credit.planning.counts import Counts, ObservedCounts
 from credit.recovery.features.tabular import Identity
 from credit.recovery.mixers import ReferenceOnly

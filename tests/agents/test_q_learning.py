@@ -12,7 +12,8 @@ from credit.agents.q_learning import QLearning
 from credit.core.policy import TablePolicy
 from credit.core.problem import Problem
 from credit.core.seams import CreditAssigner
-from credit.core.store import Store, Windows
+from credit.core.store import Store
+from credit.core.windows import Windows
 from credit.rivals.rules import Delayed, Uniform
 
 Make = Callable[..., Problem]

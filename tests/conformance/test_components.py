@@ -31,7 +31,8 @@ from credit.core.seams import (
     Scaler,
     Transition,
 )
-from credit.core.store import Store, Windows
+from credit.core.store import Store
+from credit.core.windows import Windows
 from credit.envs.collect import Collector
 from credit.judges.choose import judge
 from credit.runs import job

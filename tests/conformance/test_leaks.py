@@ -21,8 +21,8 @@ from torch import Tensor
 from credit.config import registry, schema
 from credit.core.problem import Problem
 from credit.core.seams import Agent, Environment, Transitions
-from credit.core.store import Windows
 from credit.core.truth import Truth
+from credit.core.windows import Windows
 from credit.runs import job
 from credit.trainer import Trainer
 

@@ -13,7 +13,7 @@ from credit.core.cells import ORDER, PAIRS, Axis, Cells
 from credit.core.errors import UserError
 from credit.core.problem import FLOAT, Problem
 from credit.core.steps import Steps
-from credit.core.store import Windows
+from credit.core.windows import Windows
 
 CPU = torch.device("cpu")
 WINDOW, STATES, ACTIONS = 3, 4, 2

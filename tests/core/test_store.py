@@ -12,7 +12,8 @@ from torch import Tensor
 
 from credit.core.errors import UserError
 from credit.core.problem import FLOAT, Problem
-from credit.core.store import ROWS, Store, Windows
+from credit.core.store import ROWS, Store
+from credit.core.windows import Windows
 
 Make = Callable[..., Problem]
 MakeWindows = Callable[..., Windows]

@@ -12,7 +12,7 @@ from torchrl.objectives import DDPGLoss, SoftUpdate, ValueEstimators
 from torchrl.objectives.value import TD0Estimator
 
 from credit.core.problem import Problem
-from credit.core.store import Windows
+from credit.core.windows import Windows
 from credit.data.buffer import torchrl_buffer
 from credit.data.replay import Replay
 

@@ -13,8 +13,9 @@ from torch import Tensor
 from credit.core.errors import UserError
 from credit.core.problem import Problem
 from credit.core.seams import CreditAssigner
-from credit.core.store import Store, Windows
+from credit.core.store import Store
 from credit.core.streams import generators
+from credit.core.windows import Windows
 from credit.data.preferred import preferred
 from credit.data.replay import Replay
 

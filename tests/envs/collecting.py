@@ -9,7 +9,7 @@ from torch import Tensor
 from credit.core.policy import Policy
 from credit.core.problem import Problem
 from credit.core.seams import Environment, Feedback
-from credit.core.store import Windows
+from credit.core.windows import Windows
 from credit.envs.collect import Collector
 
 Function = Callable[[Tensor, Tensor], Tensor]  # states [R, K, ...], step [R, K] → actions [R, K, ...]

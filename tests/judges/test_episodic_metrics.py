@@ -14,7 +14,8 @@ from credit.core.errors import UserError
 from credit.core.policy import Policy, TablePolicy
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Agent, CreditAssigner, Feedback
-from credit.core.store import Store, Windows
+from credit.core.store import Store
+from credit.core.windows import Windows
 from credit.envs.exact.episodic import EpisodicEnvironment, SuccessorMDP
 from credit.envs.feedback import BlockSum, Terminal
 from credit.judges.exact import Episodic

@@ -15,8 +15,8 @@ from credit.core.belief import Belief
 from credit.core.cells import PAIRS, Cells
 from credit.core.policy import Policy, TablePolicy
 from credit.core.problem import Problem
-from credit.core.store import Windows
 from credit.core.truth import ContinuingTruth
+from credit.core.windows import Windows
 from credit.judges.exact import AverageReward, policy_error, rank_correlation, trust_metrics
 
 

@@ -12,7 +12,7 @@ from credit.agents.random import Random
 from credit.core.policy import Policy
 from credit.core.problem import Problem
 from credit.core.seams import Evaluated, Evaluation
-from credit.core.store import Episode, Windows
+from credit.core.windows import Episode, Windows
 from credit.judges.rollouts import Rollouts, of_rounds
 
 

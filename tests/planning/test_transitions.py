@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from credit.core.problem import Problem
-from credit.core.store import Windows
+from credit.core.windows import Windows
 from credit.envs.advertiser.shift import ShiftMixture
 from credit.envs.sepsis.factored import FactoredMixture
 from credit.planning.counts import Counts, ObservedCounts

@@ -11,7 +11,8 @@ from torch import Tensor
 from credit.core.cells import Axis
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Places, RewardModel
-from credit.core.store import Store, Windows
+from credit.core.store import Store
+from credit.core.windows import Windows
 from credit.recovery.places import Rows, Table
 from credit.recovery.proxies import spread
 from credit.recovery.uncertainty.bootstrap import FitUncertainty, Weights

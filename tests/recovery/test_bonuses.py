@@ -13,7 +13,7 @@ from credit.core.belief import Belief
 from credit.core.cells import PAIRS, Cells
 from credit.core.errors import UserError
 from credit.core.problem import Problem
-from credit.core.store import Windows
+from credit.core.windows import Windows
 from credit.recovery.bonuses import (
     Count,
     Disagreement,

@@ -16,7 +16,8 @@ from credit.core.errors import UserError
 from credit.core.problem import Problem
 from credit.core.seams import Places
 from credit.core.steps import Steps
-from credit.core.store import Store, Windows
+from credit.core.store import Store
+from credit.core.windows import Windows
 from credit.recovery.bonuses import Count, Disagreement, LocalMSE
 from credit.recovery.features.tabular import Bilinear, Identity, Threshold
 from credit.recovery.mixers import RelativeMSE, Stacking

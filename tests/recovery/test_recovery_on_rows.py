@@ -15,7 +15,8 @@ from credit.core.errors import UserError
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Bonus, FeatureMap, Look, Mixer, Places, RewardModel, Scaler
 from credit.core.steps import Steps
-from credit.core.store import Store, Windows
+from credit.core.store import Store
+from credit.core.windows import Windows
 from credit.recovery.bonuses import Disagreement, Elliptical, LocalMSE, Thompson
 from credit.recovery.features.motion import Motion
 from credit.recovery.mixers import ReferenceOnly, RelativeMSE, Stacking

@@ -14,7 +14,8 @@ from scipy.optimize import minimize
 from credit.core.belief import Estimate
 from credit.core.cells import Axis
 from credit.core.problem import FLOAT, Problem
-from credit.core.store import Store, Windows
+from credit.core.store import Store
+from credit.core.windows import Windows
 from credit.recovery.features.tabular import Bilinear, Identity, Threshold
 from credit.recovery.mixers import Stacking, stacked_weights
 from credit.recovery.models.linear import LinearModel

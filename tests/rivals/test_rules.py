@@ -9,7 +9,7 @@ import torch
 
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import CreditAssigner
-from credit.core.store import Windows
+from credit.core.windows import Windows
 from credit.rivals.rules import Delayed, Uniform
 
 

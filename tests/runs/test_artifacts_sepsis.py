@@ -15,7 +15,7 @@ from scipy.optimize import nnls
 
 import credit
 from credit.core.problem import Problem
-from credit.core.store import Windows
+from credit.core.windows import Windows
 from credit.envs.sepsis.factored import FactoredMixture
 from credit.planning.counts import ObservedCounts
 

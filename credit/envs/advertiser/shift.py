@@ -10,7 +10,7 @@ from torch import Tensor
 from credit.core.problem import FLOAT, Problem
 from credit.core.ranges import Positive
 from credit.core.seams import TransitionTable
-from credit.core.store import Windows
+from credit.core.windows import Windows
 from credit.envs.advertiser.environment import LineKnowledge
 from credit.planning.counts import count, require_small
 

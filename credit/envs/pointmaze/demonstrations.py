@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 
 from credit.core.errors import UserError
-from credit.core.store import Episode
+from credit.core.windows import Episode
 from credit.envs.pointmaze.controllers import Controller, Path
 from credit.envs.pointmaze.task import Task
 

@@ -17,7 +17,7 @@ from credit.core.ranges import NonNegativeInt, Positive, PositiveInt
 from credit.core.seams import Environment, Transitions
 from credit.core.state import pack, unpack
 from credit.core.steps import Steps
-from credit.core.store import Windows
+from credit.core.windows import Windows
 from credit.envs.pointmaze import minari
 from credit.envs.pointmaze.demonstrations import Demonstrations, describe, driven
 from credit.envs.pointmaze.geometry import MazeKnowledge

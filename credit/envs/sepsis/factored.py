@@ -10,7 +10,7 @@ from torch import Tensor
 
 from credit.core.problem import FLOAT, Problem
 from credit.core.ranges import Positive, Probability
-from credit.core.store import Windows
+from credit.core.windows import Windows
 from credit.envs.sepsis.environment import ACTIONS, STATES, SepsisKnowledge, decode, require_patients
 from credit.planning.counts import ObservedCounts
 

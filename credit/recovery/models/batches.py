@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from credit.core.shapes import agree
-from credit.core.store import Windows
+from credit.core.windows import Windows
 
 Balance = Literal["auto", "bits", "quantiles", "none"]
 

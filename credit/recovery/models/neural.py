@@ -16,9 +16,10 @@ from credit.core.problem import Problem
 from credit.core.ranges import NonNegative, Positive, PositiveInt
 from credit.core.seams import FeatureMap, Places, RewardModel
 from credit.core.steps import Steps
-from credit.core.store import Store, Windows
+from credit.core.store import Store
 from credit.core.streams import side_by_side
 from credit.core.tensors import CACHED
+from credit.core.windows import Windows
 from credit.networks.adam import Adam
 from credit.networks.denormals import flushed
 from credit.networks.stack import Shape, Stack, Tape

@@ -13,8 +13,9 @@ from credit.core.cells import PAIRS, Axis, Cells
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Places, RewardModel, Uncertainty
 from credit.core.steps import Steps
-from credit.core.store import Store, Windows
+from credit.core.store import Store
 from credit.core.tensors import grown
+from credit.core.windows import Windows
 
 
 class PrimitiveReward(RewardModel):

@@ -19,8 +19,9 @@ from credit.core.ranges import Credit, Positive, PositiveInt
 from credit.core.seams import Places
 from credit.core.state import Stateful
 from credit.core.steps import Steps
-from credit.core.store import Store, Windows
+from credit.core.store import Store
 from credit.core.tensors import grown
+from credit.core.windows import Windows
 from credit.recovery.models.ridge import RidgeModel
 from credit.recovery.uncertainty.bootstrap import FitUncertainty
 

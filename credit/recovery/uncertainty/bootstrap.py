@@ -14,9 +14,10 @@ from credit.core.belief import Estimate
 from credit.core.problem import FLOAT, Problem
 from credit.core.ranges import NonNegative, NonNegativeInt, Positive, PositiveInt
 from credit.core.seams import Uncertainty
-from credit.core.store import Store, Windows
+from credit.core.store import Store
 from credit.core.streams import Stream, generators
 from credit.core.tensors import grown
+from credit.core.windows import Windows
 from credit.recovery.proxies import spread
 
 TINY = 1e-6  # a deviation that is smaller, as a part of the largest label, is rounding

@@ -9,7 +9,7 @@ import pytest
 
 from credit.agents.sac.learner import Learner
 from credit.core.problem import Problem
-from credit.core.store import Windows
+from credit.core.windows import Windows
 from credit.data.replay import Replay
 
 

@@ -17,7 +17,8 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 from credit.agents.sac.learner import Learner
 from credit.core.errors import RunError, UserError
 from credit.core.problem import Problem
-from credit.core.store import Episode, Store, Windows
+from credit.core.store import Store
+from credit.core.windows import Episode, Windows
 from credit.data.replay import Replay
 from credit.networks.stack import Stack
 

@@ -13,7 +13,8 @@ from credit.agents.sac.optimizer import SAC
 from credit.core.errors import RunError, UserError
 from credit.core.problem import Problem
 from credit.core.seams import CreditAssigner
-from credit.core.store import Store, Windows
+from credit.core.store import Store
+from credit.core.windows import Windows
 from credit.rivals.rules import Delayed
 
 MakeProblem = Callable[..., Problem]

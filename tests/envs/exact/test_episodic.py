@@ -10,7 +10,7 @@ import torch
 
 from credit.core.errors import UserError
 from credit.core.problem import FLOAT
-from credit.core.store import Windows
+from credit.core.windows import Windows
 from credit.envs.exact.episodic import EpisodicEnvironment, EpisodicGymEnv, SuccessorMDP
 from credit.envs.feedback import BlockSum
 

@@ -11,7 +11,7 @@ from gymnasium.utils.env_checker import check_env
 
 import credit  # noqa: F401 - registers credit/Advertiser-v0
 from credit.core.errors import UserError
-from credit.core.store import Windows
+from credit.core.windows import Windows
 from credit.envs.advertiser.environment import Advertiser
 from credit.envs.exact.continuing import TabularMDP
 from credit.envs.feedback import BlockSum

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from credit.core.errors import UserError
 from credit.core.problem import Problem
-from credit.core.store import Windows
+from credit.core.windows import Windows
 from credit.envs.collect import Collector
 from credit.envs.feedback import BlockSum, Success
 from credit.envs.pointmaze.demonstrations import Demonstrations, make

@@ -12,7 +12,7 @@ import torch
 from credit.agents.random import Random
 from credit.core.cells import PAIRS, Axis
 from credit.core.problem import FLOAT, Problem
-from credit.core.store import Windows
+from credit.core.windows import Windows
 from credit.envs.collect import Collector
 from credit.envs.feedback import BlockSum
 from credit.envs.sepsis.environment import Sepsis

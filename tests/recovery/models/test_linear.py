@@ -11,7 +11,7 @@ import torch
 from credit.core.errors import UserError
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import FeatureMap
-from credit.core.store import Windows
+from credit.core.windows import Windows
 from credit.recovery.features.tabular import Bilinear, Identity, Threshold
 from credit.recovery.models import linear
 from credit.recovery.models.linear import LinearModel

@@ -14,7 +14,7 @@ from credit.core.errors import RunError, UserError
 from credit.core.problem import Problem
 from credit.core.seams import FeatureMap
 from credit.core.steps import Steps
-from credit.core.store import Windows
+from credit.core.windows import Windows
 from credit.recovery.features.motion import Motion
 from credit.recovery.models.linear import LinearModel
 from credit.recovery.uncertainty.bootstrap import Analytic

@@ -15,8 +15,8 @@ from credit.core.belief import Estimate
 from credit.core.errors import RunError
 from credit.core.problem import Problem
 from credit.core.steps import Steps
-from credit.core.store import Windows
 from credit.core.streams import generators
+from credit.core.windows import Windows
 from credit.networks.stack import Stack
 from credit.recovery.features.motion import Motion
 from credit.recovery.models.batches import balanced, every, padding

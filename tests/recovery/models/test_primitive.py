@@ -10,7 +10,7 @@ import torch
 
 from credit.core.problem import FLOAT, Problem
 from credit.core.steps import Steps
-from credit.core.store import Windows
+from credit.core.windows import Windows
 from credit.recovery.models.primitive import PrimitiveReward
 
 from ..fits import Experience, Given, part

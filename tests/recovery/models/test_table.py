@@ -12,7 +12,7 @@ import torch
 from credit.core.errors import UserError
 from credit.core.problem import FLOAT, Problem
 from credit.core.steps import Steps
-from credit.core.store import Windows
+from credit.core.windows import Windows
 from credit.recovery.models import table
 from credit.recovery.models.table import Design, TableModel
 from credit.recovery.uncertainty.bootstrap import Analytic

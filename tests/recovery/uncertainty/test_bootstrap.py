@@ -11,7 +11,8 @@ from torch import Tensor
 
 from credit.core.belief import Estimate
 from credit.core.problem import FLOAT, Problem
-from credit.core.store import Store, Windows
+from credit.core.store import Store
+from credit.core.windows import Windows
 from credit.recovery.features.tabular import Bilinear, Identity, Threshold
 from credit.recovery.models.linear import LinearModel
 from credit.recovery.proxies import gap, mse_proxies, spread

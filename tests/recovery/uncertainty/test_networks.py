@@ -12,7 +12,7 @@ from torch import Tensor
 
 from credit.core.problem import Problem
 from credit.core.steps import Steps
-from credit.core.store import Windows
+from credit.core.windows import Windows
 from credit.networks.stack import Stack
 from credit.recovery.features.motion import Motion
 from credit.recovery.models.batches import every
