@@ -25,6 +25,12 @@ SAID = {  # old target → keys that were not said then, since they were part of
         "uncertainty": {"_target_": "credit.recovery.uncertainty.bootstrap.Analytic", "noise": None}
     },
 }
+OPTIONS = {  # group, or group=option → what to write instead
+    "recovery": "one recovery serves all problems: leave it out, or write assigner=recovery",
+    "oracle": "one model serves all oracles: leave it out, or write reward@reference=primitive",
+    "assigner=step_recovery": "assigner=recovery",
+    "reward=primitive_steps": "reward@reference=primitive",
+}
 GONE = {"poison"}  # keys that decided nothing
 MODULES = {
     "credit.optimizers": "credit.agents",
@@ -126,6 +132,18 @@ def today(target: str) -> str:
     """
     module, _, name = target.rpartition(".")
     return CLASSES.get(target) or (f"{MODULES[module]}.{name}" if module in MODULES else target)
+
+
+def instead(word: str) -> str | None:
+    """What to write for an override whose group or option is gone; None where it is not.
+
+    Example:
+        >>> instead("assigner=step_recovery")
+        'assigner=recovery'
+    """
+    group, _, option = word.lstrip("+~").partition("=")
+    group = group.partition("@")[0]
+    return OPTIONS.get(group) or OPTIONS.get(f"{group}={option}")
 
 
 def translated(config: Any) -> Any:

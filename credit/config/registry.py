@@ -23,6 +23,7 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from credit.core.errors import UserError, nearest
+from credit.renamed import instead
 
 # What may differ between two runs that are the same run.
 CIRCUMSTANCES = (
@@ -78,14 +79,12 @@ CHOICES = {  # folders that choose among the kinds, and build nothing themselves
     "method": "a credit assigner and an optimizer, by the name it has in tables",
     "experiment": "an environment, its feedback, models and horizon",
     "planner": "which optimizer recovery methods use (set by the experiment)",
-    "recovery": "what learns a reward from labels (set by the experiment)",
-    "oracle": "which reward model the oracle has (set by the experiment)",
     "learner": "which optimizer model-free methods use (set by the experiment)",
     "sweep": "the jobs of a table or figure, by one word: credit train -m sweep=…",
 }
 
 
-CHOSEN = ("planner", "recovery", "oracle", "learner")  # parts of an experiment, by which methods find their own
+CHOSEN = ("planner", "learner")  # parts of an experiment, by which methods find their own
 
 
 def conf_dir() -> Path:
@@ -252,6 +251,8 @@ def _parse(text: str) -> Any:
 def _explain(error: Exception, overrides: list[str], config_dirs: Sequence[str]) -> str:
     """What Hydra's error means for the user: which override, and the nearest name that exists."""
     message = str(error)
+    if old := next((text for text in overrides if instead(text)), None):
+        return f"{old}: this is gone; {instead(old)}"
     if found := re.search(r"Could not (?:load|find) '([\w/@.]+)/([\w.-]+)'", message):
         group, option = found[1].partition("@")[0], found[2]
         return f"{group}={option}: no such option; {nearest(option, options(group, config_dirs))}"

@@ -116,3 +116,17 @@ def test_a_class_of_another_package_bears_its_name() -> None:
 
     Mine.__module__ = "somebody.parts"
     assert registered_name(Mine) == "somebody:mine"
+
+
+@pytest.mark.parametrize(
+    ("word", "now"),
+    [
+        ("recovery=step_recovery", "assigner=recovery"),
+        ("oracle=primitive_steps", "reward@reference=primitive"),
+        ("assigner=step_recovery", "write assigner=recovery|assigner=recovery"),
+        ("reward@reference=primitive_steps", "reward@reference=primitive"),
+    ],
+)
+def test_an_old_option_is_answered(word: str, now: str) -> None:
+    with pytest.raises(UserError, match=f"{word}: this is gone; .*({now})"):
+        registry.compose(["experiment=pointmaze", word])
