@@ -19,7 +19,7 @@ STATES, ACTIONS, WINDOW, COUNT = 10, 3, 7, 400
 
 
 def logged() -> tuple[Windows, torch.Tensor]:
-    """Your windows: steps [R, K, T] and a label each [R, K], here with R = 1; and the reward behind them, to look at."""
+    """Your windows: steps [R, K, T], here with R = 1, and labels [R, K]; and the reward behind them, to look at."""
     generator = torch.Generator().manual_seed(0)
     states, next_states = (torch.randint(STATES, (1, COUNT, WINDOW), generator=generator) for _ in range(2))
     actions = torch.randint(ACTIONS, (1, COUNT, WINDOW), generator=generator)
