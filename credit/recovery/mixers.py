@@ -143,8 +143,8 @@ class Stacking(Mixer):
     seen the window. The second term pulls towards equal weights, else the first windows decide all.
 
     Args:
-        prior: τ > 0, how many windows without any use the pull is worth: it counts as much as that many labels which
-            every model misses by their standard deviation, each in a way of its own.
+        prior: τ > 0, in units of the labels' variance: the pull is worth τ labels that every model misses by one
+            standard deviation, each in a way of its own.
     """
 
     needs: ClassVar = {"uncertainty": Bootstrap}

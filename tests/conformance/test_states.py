@@ -154,9 +154,9 @@ class Forgetful(Count):
     def start(self, problem: Any) -> None:
         self._seen = 0
 
-    def __call__(self, belief: Any, reference: Any) -> torch.Tensor:
+    def __call__(self, belief: Any, reference: Any, steps: Any = None) -> torch.Tensor:
         self._seen += 1
-        return super().__call__(belief, reference) * self._seen
+        return super().__call__(belief, reference, steps) * self._seen
 
 
 def test_a_state_that_is_forgotten_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

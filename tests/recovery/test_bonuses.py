@@ -181,3 +181,16 @@ def test_thompson_draws_depend_on_the_seed_alone(belief: Belief, make_problem: C
     both = draw((8, 9))
     torch.testing.assert_close(both[1], draw((9,))[0], rtol=1e-12, atol=0)
     assert not torch.equal(both[0], both[1])
+
+
+def test_thompson_goes_on_from_a_state_before_it_ever_drew(
+    belief: Belief, make_problem: Callable[..., Problem]
+) -> None:
+    problem, model = make_problem((8, 9)), LinearModel("ridge", Identity(), Given())
+    Experience(problem, model)
+    first, again = Thompson(), Thompson()
+    for bonus in (first, again):
+        bonus.start(problem)
+    first(belief, model)
+    again.load_state_dict(first.state_dict())
+    assert torch.equal(again(belief, model), first(belief, model))
