@@ -134,7 +134,7 @@ class Trainer(Component):
             before, count = self.collected, min(self._round(self.collected), whole - self.collected)
             windows, primitive = self._collect(count)
             self.collected += count
-            self._learn(windows, primitive)
+            self._learn(windows, primitive, checked=True)
             progress(self.collected * self.problem.window)
             if self.collected // self.log_every > before // self.log_every and (self.collected < whole or rest):
                 log(self.collected * self.problem.window, self.metrics())
@@ -177,8 +177,8 @@ class Trainer(Component):
         self.judge.update(windows, primitive, actor)
         return windows, primitive
 
-    def _learn(self, windows: Windows, primitive: Tensor) -> None:
-        self.store.append(replace(windows, primitive=primitive) if self._shows_primitive else windows)
+    def _learn(self, windows: Windows, primitive: Tensor, checked: bool = False) -> None:
+        self.store.append(replace(windows, primitive=primitive) if self._shows_primitive else windows, checked)
         try:
             self.assigner.observe(self.store)
             self.optimizer.improve(self.store, self.assigner)

@@ -29,8 +29,9 @@ class DQN(Agent):
     """Deep Q-learning with replay and a target network, ε-greedy, one network a replica (A.2).
 
     Q(s, t, ·) is a network on φ(s) and the step t (one-hot where states are numbers, t/T where they are vectors),
-    fitted by Adam to targets (1−m)·(r + γ Q⁻(s', t+1, a*)) + m·G with G the return to the end of the episode. Where
-    nothing lies behind a step, the target is r. Actions are numbers, states numbers or vectors.
+    fitted by Adam to targets (1−m)·(r + γ Q⁻(s', t+1, a*)) + m·G with G the return to the end of the episode. Nothing
+    lies behind a terminated step, nor behind step T: there, the target is r. Actions are numbers, states numbers or
+    vectors.
 
     Args:
         features: φ, what the network sees of a state; None for all of it: one-hot, or the vector as it is.
@@ -143,7 +144,9 @@ class DQN(Agent):
     def _fit(self, batch: Batch) -> None:
         """One gradient step on B steps of every replica."""
         assert batch.step is not None
-        ahead = self._ahead(self._view(batch.ahead, batch.step + 1)).masked_fill(batch.discount == 0, 0)
+        after = batch.step + 1
+        over = (batch.discount == 0) | (after >= self._problem.window)  # no network has seen what is behind step T
+        ahead = self._ahead(self._view(batch.ahead, after)).masked_fill(over, 0)
         goal = targets(batch.returns, ahead, batch.outcome, self.discount, self.monte_carlo).to(PRECISION)
         seen = self._view(batch.observation, batch.step)
         values = self._online(seen).gather(-1, batch.action.unsqueeze(-1)).squeeze(-1)

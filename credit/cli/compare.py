@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import sys
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
+
+import yaml
 
 from credit.cli.main import guarded
 from credit.cli.words import Reader, name, names, read_words, whole
+from credit.core.errors import UserError
 
 HELP = """\
 Compare finished runs of an experiment: tables, intervals and figures.
@@ -17,6 +22,9 @@ Usage: credit compare [KEY=VALUE ...]
   method=A,B             only these methods                              (all)
   slug=A,B               only these variants; `default` has no overrides (all)
   feedback=A,B           only these settings; each is compared by itself (all)
+  env.KEY=VALUE          only settings with this value, also of
+                         feedback.KEY and of trainer.KEY                 (all)
+  commit=A,B             only runs of these commits, by first digits     (all)
   seed=N                 the first seed                                  (all)
   replicas=N             how many seeds from there (or 0) on             (all)
   reference=METHOD       the method that the others are compared to      (reference)
@@ -29,6 +37,7 @@ Usage: credit compare [KEY=VALUE ...]
 Examples:
   credit compare experiment=advertiser
   credit compare method=reference,disagreement seed=1000 replicas=100
+  credit compare experiment=pointmaze env.maze=Large trainer.steps=26400
 """
 
 
@@ -47,14 +56,15 @@ def main(argv: list[str]) -> int:
     if {"-h", "--help"} & set(argv):
         print(HELP, end="")
         return 0
-    options = {"experiment": "advertiser", "output": Path("outputs"), **read_words(argv, READERS, "compare")}
+    words, where = split_settings(argv)
+    options = {"experiment": "advertiser", "output": Path("outputs"), **read_words(words, READERS, "compare")}
     from rich.console import Console
 
     from credit.report.compare import compare
     from credit.report.tables import terminal_tables
-    from credit.report.text import caption, heading, sentences
+    from credit.report.text import caption, heading, in_common, sentences
 
-    report = compare(**options)
+    report = compare(where=where, **options)
     console = Console(highlight=False, markup=False)
     if not console.is_terminal:
         console.width = 100
@@ -67,6 +77,7 @@ def main(argv: list[str]) -> int:
             console.print(line)
         if comparison is not report.comparisons[-1]:
             console.print()
+    console.print(in_common(*report.comparisons), style="dim")
     console.print(caption(*report.comparisons), style="dim")
     console.print(f"\nTables and figures in {report.folder}:", soft_wrap=True)
     console.print("  " + "  ".join(path.name for path in report.files))
@@ -75,6 +86,34 @@ def main(argv: list[str]) -> int:
     if report.logged:
         console.print(report.logged, soft_wrap=True)
     return 0
+
+
+def split_settings(argv: list[str]) -> tuple[list[str], dict[str, Any]]:
+    """Words that choose settings, `env.maze=Large`, apart from the others, as `credit train` would read their values.
+
+    Args:
+        argv: the words after `credit compare`.
+
+    Returns:
+        The other words, and key → value.
+
+    Raises:
+        UserError: a value cannot be read.
+    """
+    words, where = list[str](), dict[str, Any]()
+    for word in argv:
+        key, equals, text = word.partition("=")
+        if not (equals and key.startswith(("env.", "feedback.", "trainer."))):
+            words.append(word)
+            continue
+        try:
+            value = yaml.safe_load(text)
+            with suppress(ValueError):
+                value = float(value) if isinstance(value, str) else value  # 1e-3 is a text in YAML, and no number
+            where[key] = value
+        except yaml.YAMLError:
+            raise UserError(f"{word!r}: the value cannot be read; write it as for `credit train`") from None
+    return words, where
 
 
 def _tracked(text: str) -> bool:
@@ -91,6 +130,7 @@ READERS: dict[str, Reader] = {
     "method": ("methods", names, "names separated by commas"),
     "slug": ("slugs", names, "names separated by commas"),
     "feedback": ("feedback", names, "names separated by commas"),
+    "commit": ("commits", names, "first digits of commits, separated by commas"),
     "seed": ("seed", whole(0), "a whole number, 0 or more"),
     "replicas": ("replicas", whole(1), "a whole number, 1 or more"),
     "reference": ("reference", name, "one name"),

@@ -33,7 +33,8 @@ class Belief:
         models: M names. mean: [R, M, N] fitted r̂_j. draws: [R, B, N] of each model, or None.
         mse: [R, M, N] proxies (10), (11). disagreement: [R, M−1, N] Δ̂² of each surrogate (9). weights: [R, M, N] (14).
         best: [R, N] index of the locally best model (16). mixed: [R, N] (15).
-        bonus: name → [R, N]. plan: [R, N] what an agent is given: mixed (scaled, where something scales it) + bonuses.
+        bonus: name → [R, N]. plan: [R, N] mixed + bonuses, in units of reward: what an agent is given, unless a scaler
+            scales the mixed part for it.
         visits: counts N(s, a) [R, N]. cells: what the N are; both where they are the cells of a table.
         column: where the draws have each cell [R, N], if only some that stand for all are kept.
         valid: which places count [R, N], where replicas have different numbers of them; None for all.

@@ -16,6 +16,7 @@ from credit.core.steps import Steps
 Axis = Literal["step", "state", "action", "next_state"]
 ORDER: tuple[Axis, ...] = ("step", "state", "action", "next_state")
 PAIRS: tuple[Axis, ...] = ("state", "action")
+COLUMNS: dict[Axis, str] = {"step": "times", "state": "states", "action": "actions", "next_state": "next_states"}
 LARGEST = 1_000_000  # cells
 
 
@@ -63,10 +64,9 @@ class Cells:
 
     def index(self, steps: Steps) -> Tensor:
         """The cell of every step, same shape."""
-        values = dict(zip(ORDER, (steps.times, steps.states, steps.actions, steps.next_states), strict=True))
         cell = torch.zeros_like(steps.states)
         for axis, size in zip(self.axes, self.sizes, strict=True):
-            cell = cell * size + values[axis]
+            cell = cell * size + getattr(steps, COLUMNS[axis])
         return cell
 
     def steps(self, device: torch.device) -> Steps:

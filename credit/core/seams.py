@@ -177,7 +177,8 @@ class Mixer(Component):
         """Weights [..., M, N] that sum to one over M.
 
         Args:
-            mse: proxies [..., M, N]. label_errors: sums of products of the models' held-out label errors [..., M, M].
+            mse: proxies [..., M, N]. label_errors: sums of products of the models' held-out label errors [..., M, M],
+                in units of the labels' variance.
         """
 
 
@@ -188,8 +189,12 @@ class Bonus(Component):
         """Make streams, where the bonus is random."""
 
     @abstractmethod
-    def __call__(self, belief: Belief, reference: RewardModel) -> Tensor:
-        """Bonus [R, N]; `belief.bonus` and `belief.plan` are not yet filled."""
+    def __call__(self, belief: Belief, reference: RewardModel, steps: Steps | None = None) -> Tensor:
+        """Bonus [R, N]; `belief.bonus` and `belief.plan` are not yet filled.
+
+        Args:
+            belief: about all places, or about some steps. reference: the first model. steps: those; None for all.
+        """
 
 
 class Scaler(Component):

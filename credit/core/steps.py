@@ -27,8 +27,13 @@ class Steps:
 
     @property
     def times(self) -> Tensor:
-        """The step in the episode, counted from 0 [R, n]."""
-        assert self.step is not None
+        """The step in the episode, counted from 0 [R, n].
+
+        Raises:
+            ValueError: that is not known.
+        """
+        if self.step is None:
+            raise ValueError("steps do not say where in the episode they are, and something looks at it: give `step`")
         return self.step
 
     def pairs(self, actions: int) -> Tensor:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from credit.core.checks import check_windows
 from credit.core.problem import Problem
 from credit.core.state import Stateful
 from credit.core.steps import Steps
@@ -98,9 +99,8 @@ class Windows(Steps):
     @property
     def times(self) -> Tensor:
         """The step in the episode, or in the window where that is not kept, counted from 0 [R, n]."""
-        if self.step is not None:
-            return self.step
-        assert self.length is not None
+        if self.step is not None or self.length is None:
+            return super().times
         row = torch.arange(len(self), device=self.states.device)
         return (row % self.length).expand(self.states.shape[:2])
 
@@ -110,8 +110,8 @@ class Windows(Steps):
         if self.last is not None:
             return self.last
         assert self.length is not None
-        ends = torch.arange(self.length - 1, len(self), self.length, device=self.labels.device)
-        return ends.expand(self.labels.shape)
+        number = torch.arange(self.labels.shape[1], device=self.labels.device)
+        return (self.length * (number + 1) - 1).expand(self.labels.shape)
 
     @property
     def lengths(self) -> Tensor:
@@ -184,7 +184,7 @@ class Store(Stateful):
     """
 
     def __init__(self, problem: Problem, rows: int = 0) -> None:
-        self._room, self._device = max(rows, 1), problem.device
+        self._problem, self._room, self._device = problem, max(rows, 1), problem.device
         self._columns: dict[str, Tensor] = {}  # [R, room, ...]
         self._labels = problem.zeros(1)
         self._last = torch.zeros(problem.replicas, 1, dtype=torch.int64, device=problem.device)
@@ -197,12 +197,18 @@ class Store(Stateful):
         """K."""
         return self._windows
 
-    def append(self, windows: Windows) -> None:
-        """Add windows; they are `new` until the next append.
+    def append(self, windows: Windows, checked: bool = False) -> None:
+        """Add windows; they are `new` until the next append. There may be none.
+
+        Args:
+            windows: K of them for every replica. checked: whether somebody made sure that they fit the problem.
 
         Raises:
+            UserError: a label is not finite, or a state or an action is not one of the problem's.
             ValueError: these have columns, or a length, that those before do not have, or the other way round.
         """
+        if not checked:
+            check_windows(windows, self._problem)
         columns = {name: part for name in ROWS if (part := getattr(windows, name)) is not None}
         length = windows.length or 0
         if self._length >= 0 and (columns.keys() != self._columns.keys() or length != self._length):

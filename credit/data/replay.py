@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
 from credit.core.draws import Draws
-from credit.core.errors import UserError
 from credit.core.problem import Problem
 from credit.core.seams import CreditAssigner
 from credit.core.state import Stateful
 from credit.core.store import Store, Windows, put
 from credit.core.tensors import grown
+from credit.data.preferred import Prefer, preferred
 from credit.data.returns import discounted_sums, episode_ends
-
-Prefer = Literal["none", "success", "top"]
-TOP = 0.9  # quantile of a replica's labels from which on a window is among its best
 
 
 class Batch(NamedTuple):
@@ -104,7 +101,11 @@ class Replay(Stateful):
         return self._columns["reward"][:, : len(self.windows)]
 
     def update(self, store: Store, assigner: CreditAssigner, cost: float = 0.0) -> None:
-        """Take the rewards of an assigner, less a cost: for all rows where old ones change, else for the newest."""
+        """Take the rewards of an assigner, less a cost: for all rows where old ones change, else for the newest.
+
+        Args:
+            store: all windows. assigner: the same every time.
+        """
         if assigner.learns or self._counts != store.before.tolist():
             self.relabel(store.windows, assigner.rewards(store.windows) - cost)
         else:
@@ -133,6 +134,9 @@ class Replay(Stateful):
         Args:
             windows: all. rewards: of the new rows [R, m], as those of a store's newest windows stand.
         """
+        if not self._counts:
+            self.relabel(windows, rewards)
+            return
         rows, before = len(windows), self._counts
         counts = [rows] * len(rewards) if windows.count is None else windows.count.tolist()
         if not all(counts):
@@ -249,20 +253,3 @@ class Replay(Stateful):
         self._wins = own.sum(1, keepdim=True)
         places = own.nonzero()[:, 1].int().split(self._wins.flatten().tolist())
         self._preferred = torch.nn.utils.rnn.pad_sequence(list(places), batch_first=True)
-
-
-def preferred(labels: Tensor, prefer: Prefer) -> Tensor:
-    """Which windows are preferred, by their labels [R, K].
-
-    Raises:
-        UserError: `success` of labels that are no bits.
-    """
-    if prefer == "top":
-        return labels >= labels.quantile(TOP, dim=1, keepdim=True)
-    strange = labels[(labels != 0) & (labels != 1)]
-    if len(strange):
-        raise UserError(
-            f"optimizer.prefer=success: a label says 1 for success and 0 for none, and here is one of "
-            f"{float(strange[0]):.6g}; choose optimizer.prefer=top for the best tenth of all labels, or none"
-        )
-    return labels > 0

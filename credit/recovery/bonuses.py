@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -12,7 +13,9 @@ from credit.core.errors import UserError
 from credit.core.problem import Problem
 from credit.core.ranges import NonNegative, Positive
 from credit.core.seams import Bonus, RewardModel
-from credit.core.streams import Stream
+from credit.core.shapes import agree
+from credit.core.steps import Steps
+from credit.core.streams import generators
 from credit.recovery.models.linear import LinearModel
 from credit.recovery.models.ridge import RidgeModel
 
@@ -24,6 +27,7 @@ def shrink(visits: Tensor, lambda_visits: float) -> Tensor:
 
 def best_error(mse: Tensor, best: Tensor) -> Tensor:
     """√MSE of the locally best model, (17) and (33): mse [..., M, N], best [..., N]."""
+    agree(mse=(mse, "M N"), best=(best, "N"))
     return mse.gather(-2, best.unsqueeze(-2)).squeeze(-2).sqrt()
 
 
@@ -33,6 +37,7 @@ def disagreement_signal(mse: Tensor, disagreement: Tensor, best: Tensor) -> Tens
     Args:
         mse: [..., M, N], the reference first. disagreement: Δ̂² [..., M−1, N]. best: [..., N], 0 is the reference.
     """
+    agree(mse=(mse, "M N"), disagreement=(disagreement, "M-1 N"), best=(best, "N"))
     choices = torch.cat([mse[..., :1, :], disagreement], dim=-2)
     return choices.gather(-2, best.unsqueeze(-2)).squeeze(-2).sqrt()
 
@@ -74,7 +79,7 @@ class Count(_Scaled):
     def __init__(self, scale: NonNegative = 0.35, lambda_visits: Positive = 1.0) -> None:
         super().__init__(scale, lambda_visits)
 
-    def __call__(self, belief: Belief, reference: RewardModel) -> Tensor:
+    def __call__(self, belief: Belief, reference: RewardModel, steps: Steps | None = None) -> Tensor:
         """c/√(λ + N)."""
         return torch.ones_like(belief.mixed) * (self.scale * self.decay(belief))
 
@@ -87,7 +92,7 @@ class LocalMSE(_Scaled):
         lambda_visits: λ added to the visits; null leaves the decay out, which makes it (33).
     """
 
-    def __call__(self, belief: Belief, reference: RewardModel) -> Tensor:
+    def __call__(self, belief: Belief, reference: RewardModel, steps: Steps | None = None) -> Tensor:
         """Equation (17), last term, or (33)."""
         return self.scale * best_error(belief.mse, belief.best) * self.decay(belief)
 
@@ -100,7 +105,7 @@ class Disagreement(_Scaled):
         lambda_visits: λ added to the visits; null leaves the decay out, which makes it (34).
     """
 
-    def __call__(self, belief: Belief, reference: RewardModel) -> Tensor:
+    def __call__(self, belief: Belief, reference: RewardModel, steps: Steps | None = None) -> Tensor:
         """Equation (19), last term, or (34)."""
         signal = disagreement_signal(belief.mse, belief.disagreement, belief.best)
         return self.scale * signal * self.decay(belief)
@@ -120,10 +125,10 @@ class Elliptical(Bonus):
         self.scale = scale
         self.noise = noise
 
-    def __call__(self, belief: Belief, reference: RewardModel) -> Tensor:
+    def __call__(self, belief: Belief, reference: RewardModel, steps: Steps | None = None) -> Tensor:
         """c·σ·√(φᵀV⁻¹φ)."""
         assert isinstance(reference, RidgeModel)
-        return self.scale * self.noise * reference.leverage().sqrt()
+        return self.scale * self.noise * reference.leverage(steps).sqrt()
 
 
 class Thompson(Bonus):
@@ -139,13 +144,14 @@ class Thompson(Bonus):
         self.scale = scale
 
     def start(self, problem: Problem) -> None:
-        """Remember the replicas; the stream is made when the number of features is known."""
-        self._problem = problem
-        self._stream: Stream | None = None
+        """Make the generators; how many numbers they draw, the reference says."""
+        self._generators = generators(problem.seeds, "thompson")
+        self._normal = problem.zeros(0)
 
-    def __call__(self, belief: Belief, reference: RewardModel) -> Tensor:
-        """v·Φ V^{-1/2} z."""
+    def __call__(self, belief: Belief, reference: RewardModel, steps: Steps | None = None) -> Tensor:
+        """v·Φ V^{-1/2} z; other steps than all places are looked at with the last z."""
         assert isinstance(reference, LinearModel)
-        if self._stream is None:
-            self._stream = Stream(self._problem, "thompson", "normal", reference.theta.shape[-1])
-        return self.scale * reference.perturbation(self._stream.next())
+        if steps is None or not self._normal.shape[1]:
+            drawn = np.stack([g.standard_normal(reference.theta.shape[-1]) for g in self._generators])
+            self._normal = torch.from_numpy(drawn).to(self._normal.device)
+        return self.scale * reference.perturbation(self._normal, steps)

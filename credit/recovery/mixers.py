@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar
 
 import numpy as np
@@ -11,27 +12,61 @@ from torch import Tensor
 
 from credit.core.ranges import Positive
 from credit.core.seams import Mixer
+from credit.core.shapes import agree
 from credit.recovery.uncertainty.bootstrap import Bootstrap
+
+ROUNDING = 1e-13  # of the trace: what a matrix that is all but singular needs to have a Cholesky factor
 
 
 def relative_mse_weights(mse: Tensor, alpha: float, epsilon: float = 1e-12) -> Tensor:
     """Relative-MSE softmax, equations (12)–(14).
 
+    Its limits: at α = 0 the locally best model has all the weight; a model whose proxy is infinite has none, and the
+    scale is that of the others; where all are infinite, all have the same.
+
     Args:
         mse: proxies [..., M, N].
-        alpha: α, small values pick the best model, large ones average.
+        alpha: α ≥ 0, small values pick the best model, large ones average.
         epsilon: ε, floor of the scale; all-zero proxies then give equal weights.
 
     Returns:
         Weights of the same shape that sum to one over M.
+
+    Raises:
+        ValueError: α < 0, or the shape is another.
     """
+    agree(mse=(mse, "M N"))
+    if alpha <= 0:
+        if alpha < 0:
+            raise ValueError(f"alpha={alpha}: must be at least 0")
+        return best_weights(mse)
+    if mse.numel() and math.isinf(float(mse.amax())):
+        return _with_infinite(mse, alpha, epsilon)
+    return _softmax(mse, median(mse), alpha, epsilon)
+
+
+def _softmax(mse: Tensor, scale: Tensor, alpha: float, epsilon: float) -> Tensor:
     excess = mse - mse.amin(-2, keepdim=True)
-    scale = median(mse).clamp(min=epsilon).unsqueeze(-2)
-    return torch.softmax(-excess / (scale * alpha), dim=-2)
+    tiny = torch.finfo(mse.dtype).tiny  # else α, or α·scale, may vanish
+    alpha = max(alpha, tiny)
+    floor = max(epsilon, tiny / alpha)
+    return torch.softmax(-excess / (scale.clamp(min=floor).unsqueeze(-2) * alpha), dim=-2)
+
+
+def _with_infinite(mse: Tensor, alpha: float, epsilon: float) -> Tensor:
+    """Weights among the finite proxies; all equal where there are none."""
+    infinite = mse.isinf()
+    none = infinite.all(-2, keepdim=True)
+    known = mse.masked_fill(infinite, torch.nan)
+    middle = (known.nanmedian(-2).values - (-known).nanmedian(-2).values) / 2  # lower and upper, the mean of both
+    worst = mse.masked_fill(infinite & ~none, torch.finfo(mse.dtype).max).masked_fill(none, 0.0)
+    weights = _softmax(worst, middle.nan_to_num(0.0), alpha, epsilon).masked_fill(infinite & ~none, 0.0)
+    return weights / weights.sum(-2, keepdim=True)
 
 
 def median(values: Tensor) -> Tensor:
     """The median over M of [..., M, N], the mean of the middle two when M is even; [..., N]."""
+    agree(values=(values, "M N"))
     ordered = values.sort(dim=-2).values
     count = values.shape[-2]
     return (ordered[..., (count - 1) // 2, :] + ordered[..., count // 2, :]) / 2
@@ -39,6 +74,7 @@ def median(values: Tensor) -> Tensor:
 
 def best_model(mse: Tensor) -> Tensor:
     """Index of the locally best model (16) for proxies [..., M, N]; on ties the reference wins; [..., N]."""
+    agree(mse=(mse, "M N"))
     least, best = mse[..., 0, :], torch.zeros_like(mse[..., 0, :], dtype=torch.int64)
     for index in range(1, mse.shape[-2]):  # argmin over an inner dimension is several times slower
         better = mse[..., index, :] < least
@@ -46,8 +82,14 @@ def best_model(mse: Tensor) -> Tensor:
     return best
 
 
+def best_weights(mse: Tensor) -> Tensor:
+    """One for the locally best model (16), zero for the others, for proxies [..., M, N]; the same shape."""
+    return torch.zeros_like(mse).scatter_(-2, best_model(mse).unsqueeze(-2), 1.0)
+
+
 def mix(weights: Tensor, predictions: Tensor) -> Tensor:
     """The mixed reward Σ_j w_j r̂_j (15) of [..., M, N]; [..., N]."""
+    agree(weights=(weights, "M N"), predictions=(predictions, "M N"))
     return (weights * predictions).sum(-2)
 
 
@@ -91,23 +133,33 @@ class Best(Mixer):
 
     def weights(self, mse: Tensor, label_errors: Tensor | None = None) -> Tensor:
         """One for the model of (16), zero for the others."""
-        return torch.zeros_like(mse).scatter_(-2, best_model(mse).unsqueeze(-2), 1.0)
+        return best_weights(mse)
 
 
 class Stacking(Mixer):
     """One weight a model, everywhere: those that predict held-out labels best (Breiman's stacked regressions).
 
-    min ‖Y − Σ_j w_j Ŷ_j‖² over w ≥ 0, Σ w = 1, where Ŷ_j are out-of-bag: from draws which have not seen the window.
+    min ‖Y − Σ_j w_j Ŷ_j‖² + τ·Var(Y)·‖w‖² over w ≥ 0, Σ w = 1, where Ŷ_j are out-of-bag: from draws which have not
+    seen the window. The second term pulls towards equal weights, else the first windows decide all.
+
+    Args:
+        prior: τ > 0, how many windows without any use the pull is worth: it counts as much as that many labels which
+            every model misses by their standard deviation, each in a way of its own.
     """
 
     needs: ClassVar = {"uncertainty": Bootstrap}
     sees_label_errors: ClassVar = True
 
+    def __init__(self, prior: Positive = 1.0) -> None:
+        self.prior = prior
+
     def weights(self, mse: Tensor, label_errors: Tensor | None = None) -> Tensor:
         """The stacked weights, the same for every cell."""
         assert label_errors is not None
-        stacked = stacked_weights(label_errors)
-        return stacked.unsqueeze(-1).expand_as(mse)
+        agree(mse=(mse, "M N"), label_errors=(label_errors, "M M"))
+        eye = torch.eye(mse.shape[-2], dtype=label_errors.dtype, device=label_errors.device)
+        stacked = stacked_weights(self.prior * eye + label_errors)
+        return stacked.to(mse.dtype).unsqueeze(-1).expand_as(mse)
 
 
 def stacked_weights(errors: Tensor) -> Tensor:
@@ -115,7 +167,10 @@ def stacked_weights(errors: Tensor) -> Tensor:
 
     The minimum of ½wᵀGw − Σ w over w ≥ 0 is a multiple of it, and with G = LLᵀ that is least squares: ‖Lᵀw − L⁻¹1‖.
     """
-    factor = torch.linalg.cholesky(errors)
+    agree(errors=(errors, "M M"))
+    trace = errors.diagonal(dim1=-2, dim2=-1).sum(-1)
+    rounding = torch.diag_embed((ROUNDING * trace).unsqueeze(-1).expand(errors.shape[:-1]))
+    factor = torch.linalg.cholesky(errors + rounding)
     target = torch.linalg.solve_triangular(factor, torch.ones_like(errors[..., :1]), upper=False)
     count = errors.shape[-1]
     matrices, vectors = factor.mT.reshape(-1, count, count).cpu().numpy(), target.reshape(-1, count).cpu().numpy()

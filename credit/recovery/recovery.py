@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -21,6 +21,8 @@ from credit.recovery.mixers import best_model, mix
 from credit.recovery.places import Rows, Table
 from credit.recovery.proxies import gap, mse_proxies
 from credit.recovery.tables import Alike, spread_out
+
+SPREAD = ("mean", "mse", "disagreement", "weights", "best", "mixed")  # from the cells that stand for others
 
 
 class Recovery(CreditAssigner):
@@ -67,6 +69,9 @@ class Recovery(CreditAssigner):
         """
         self._places = Table(problem, self._cells(problem)) if problem.tabular else Rows(problem)
         self._kind = FLOAT if problem.tabular else torch.float32  # single steps are many
+        self._device = problem.device
+        count = len(self.models)
+        self._errors = problem.zeros(count, count) if self.mixer.sees_label_errors else None
         for bonus in self.bonus.values():
             bonus.start(problem)
         for model in self.models:
@@ -107,7 +112,11 @@ class Recovery(CreditAssigner):
 
     def believe(self, steps: Steps) -> Belief:
         """What is believed of other steps [n], [R, n]: a grid to look at."""
-        return self._mixed([model.believe(steps) for model in self.models], None, None, None)
+        visits = self._places.visits
+        if visits is not None and self._places.cells is not None:
+            visits = visits.gather(1, self._places.cells.index(steps).expand(len(visits), -1))
+        estimates = [model.believe(steps) for model in self.models]
+        return self._with_bonuses(self._mixed(estimates, visits), steps)
 
     def rewards(self, windows: Windows) -> Tensor:
         """r_plan of every row [R, n] of the newest windows, or of all: the scaled mixed reward, and optimism."""
@@ -122,18 +131,22 @@ class Recovery(CreditAssigner):
 
     def _believe(self, store: Store) -> Belief:
         """What is believed of all places."""
-        cells, column = None, None
-        visits = self._places.visits
+        at, column, visits = None, None, self._places.visits
         if self._alike is not None and visits is not None and self._alike.saves and self._draws:
-            cells, column = self._alike.choose(visits)
-        estimates = [model.estimate(cells) for model in self.models]
-        errors = None
+            at, column = self._alike.choose(visits)
+        estimates = [model.estimate(at) for model in self.models]
         if self.mixer.sees_label_errors:
             index = self._places.index(store.windows) if len(store) else None
             if index is not None and column is not None:
                 index = column.gather(1, index)
-            errors = self._label_errors(estimates, store, index)
-        return self._mixed(estimates, cells, column, errors)
+            self._errors = self._label_errors(estimates, store, index)
+        belief = self._mixed(estimates, visits if visits is None or at is None else visits.gather(1, at))
+        if column is not None:
+            parts: dict[str, Any] = {name: spread_out(getattr(belief, name), column) for name in SPREAD}
+            belief = replace(belief, **parts, column=column)
+        seen = None if visits is None else visits.clone()
+        whole = replace(belief, visits=seen, cells=self._places.cells, valid=self._valid())
+        return self._with_bonuses(whole, None)
 
     @property
     def _draws(self) -> int:
@@ -143,43 +156,28 @@ class Recovery(CreditAssigner):
         """Products [R, M, M] of the errors with which models predict labels that they were not fitted to, summed."""
         return self.models[0].uncertainty.label_errors(estimates, store, index)  # type: ignore[union-attr]
 
-    def _mixed(
-        self, estimates: list[Estimate], cells: Tensor | None, column: Tensor | None, errors: Tensor | None
-    ) -> Belief:
-        """Proxies, weights, the mixture and the bonuses (9)–(19) of what the models predict."""
+    def _mixed(self, estimates: Sequence[Estimate], visits: Tensor | None) -> Belief:
+        """Proxies, weights and the mixture (9)–(16) of what the models predict of places with N visits [R, n]."""
         reference, *surrogates = estimates = [_as(estimate, self._kind) for estimate in estimates]
-        visits = self._places.visits
-        some = visits if visits is None or cells is None else visits.gather(1, cells)
         gaps = [gap(reference, surrogate) for surrogate in surrogates]
         variances = [reference.variance, *(surrogate.variance for surrogate in surrogates)]
-        if some is not None:
-            variances[0] = variances[0] + self.models[0].prior(some)
+        if visits is not None:
+            variances[0] = variances[0] + self.models[0].prior(visits)
         variance = torch.stack(variances, dim=1)
         disagreement = torch.stack(gaps, dim=1) if gaps else variance[:, :0]
         mse = mse_proxies(variance, disagreement)
-        weights = self.mixer.weights(mse, errors)
+        weights = self.mixer.weights(mse, self._errors)
         mean = torch.stack([estimate.mean for estimate in estimates], dim=1)
-        if column is not None:
-            mean, mse, disagreement, weights = (spread_out(part, column) for part in (mean, mse, disagreement, weights))
         mixed = mix(weights, mean)
-        belief = Belief(
-            models=self.names,
-            mean=mean,
-            draws=tuple(estimate.draws for estimate in estimates),
-            mse=mse,
-            disagreement=disagreement,
-            weights=weights,
-            best=best_model(mse),
-            mixed=mixed,
-            bonus={},
-            plan=mixed,
-            visits=None if visits is None else visits.clone(),
-            cells=self._places.cells,
-            column=column,
-            valid=self._valid(mixed),
-        )
-        bonus = {name: term(belief, self.models[0]) for name, term in self.bonus.items()}
-        return replace(belief, bonus=bonus, plan=reduce(torch.add, bonus.values(), mixed))
+        draws = tuple(estimate.draws for estimate in estimates)
+        best = best_model(mse)
+        return Belief(self.names, mean, draws, mse, disagreement, weights, best, mixed, {}, mixed, visits)
+
+    def _with_bonuses(self, belief: Belief, steps: Steps | None) -> Belief:
+        """Optimism (17)–(19), (33), (34) of all places, or of other steps."""
+        reference, kind = self.models[0], belief.mixed.dtype
+        bonus = {name: term(belief, reference, steps).to(kind) for name, term in self.bonus.items()}
+        return replace(belief, bonus=bonus, plan=reduce(torch.add, bonus.values(), belief.mixed))
 
     def _scaled(self, belief: Belief, scaler: Scaler) -> Tensor:
         """The mixed reward as the scaler has it, and on top of it optimism in its unit, never clipped [R, N]."""
@@ -191,13 +189,13 @@ class Recovery(CreditAssigner):
             rewards[replica, own] = reduce(torch.add, optimism, scaled)
         return rewards
 
-    def _valid(self, mixed: Tensor) -> Tensor | None:
+    def _valid(self) -> Tensor | None:
+        """Which of all places count [R, N], where replicas have different numbers of them."""
         counts = self._places.counts
-        if counts is None or len(set(counts)) == 1 or mixed.shape[1] != max(counts):
+        if counts is None or len(set(counts)) == 1:
             return None
-        return torch.arange(mixed.shape[1], device=mixed.device) < torch.tensor(counts, device=mixed.device).unsqueeze(
-            1
-        )
+        rows = torch.tensor(counts, device=self._device)
+        return torch.arange(max(counts), device=self._device) < rows.unsqueeze(1)
 
 
 def _as(estimate: Estimate, kind: torch.dtype) -> Estimate:

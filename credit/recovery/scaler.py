@@ -27,6 +27,8 @@ class Standard(Scaler):
 
     def __call__(self, rewards: Tensor) -> tuple[Tensor, Tensor]:
         """The scaled rewards [n] of one replica, and the deviation [] by which they were divided; a constant is not."""
+        if rewards.dim() != 1:
+            raise ValueError(f"a scaler is given the rewards of one replica [n], and these are {list(rewards.shape)}")
         if not len(rewards):
             return rewards, rewards.new_ones(())
         deviation = rewards.std(correction=0)

@@ -48,6 +48,8 @@ def compare(
     methods: Sequence[str] | None = None,
     slugs: Sequence[str] | None = None,
     feedback: Sequence[str] | None = None,
+    where: Mapping[str, Any] | None = None,
+    commits: Sequence[str] | None = None,
     seed: int | None = None,
     replicas: int | None = None,
     trapped_above: float = 300.0,
@@ -64,6 +66,8 @@ def compare(
         methods: only these; all by default.
         slugs: only these variants of a method; all by default.
         feedback: only settings of these names; all by default. Each is compared on its own.
+        where: only settings with these values of the problem and the budget, such as `{"env.maze": "Large"}`.
+        commits: only runs that were made by these commits of credit, by their first digits.
         seed: the first seed.
         replicas: how many seeds.
         trapped_above: final regret above which a seed counts as trapped.
@@ -79,11 +83,11 @@ def compare(
     Raises:
         UserError: there is nothing finished to compare, or runs that cannot be averaged.
     """
-    runs = load_runs(output, experiment, methods=methods, slugs=slugs, seed=seed, replicas=replicas)
+    runs = load_runs(output, experiment, methods=methods, slugs=slugs, seed=seed, replicas=replicas, commits=commits)
     paper = load_paper(experiment)
     comparisons = tuple(
         summarise(part, reference=reference, trapped_above=trapped_above, paper=paper)
-        for part in runs.by_setting(feedback)
+        for part in runs.by_setting(feedback, where)
     )
     figures = _figures(comparisons, diagnostics_seed)
     texts = {
@@ -118,7 +122,7 @@ def _figures(comparisons: Sequence[Comparison], diagnostics_seed: int | None) ->
             maps = recovered_maps(comparison.runs, diagnostics_seed)
             if maps is not None:
                 kind = "diagnostics" if maps.by_cell else "maps"
-                figures["_".join(filter(None, [kind, comparison.runs.setting]))] = heatmaps_figure(maps)
+                figures["_".join(filter(None, [kind, comparison.runs.setting.name]))] = heatmaps_figure(maps)
         figures |= maze_figures(comparisons, diagnostics_seed)
     return figures
 
@@ -154,8 +158,13 @@ def _log(output: Path, experiment: str, folder: Path, metrics: Mapping[str, floa
 
 def _newest_tracking(output: Path, experiment: str) -> dict[str, Any] | None:
     """How the newest session of the experiment was tracked, or None."""
-    sessions = [json.loads(path.read_text(encoding="utf-8")) for path in output.glob("sessions/*/session.json")]
-    own = [session for session in sessions if session["experiment"] == experiment]
-    newest = max(own, key=lambda session: float(session["started"]), default=None)
-    tracking = newest["tracking"] if newest else None
+    own: list[tuple[float, Any]] = []
+    for path in output.glob("sessions/*/session.json"):
+        try:
+            session = json.loads(path.read_text(encoding="utf-8"))
+            if session["experiment"] == experiment:
+                own.append((float(session["started"]), session["tracking"]))
+        except (OSError, ValueError, KeyError, TypeError):  # a damaged one must not cost the user the report
+            continue
+    tracking = max(own, key=lambda session: session[0], default=(0.0, None))[1]
     return tracking if tracking and "uri" in tracking else None

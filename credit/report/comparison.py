@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import pandas as pd
 
 from credit.report import statistics
-from credit.report.measures import AVERAGED, MAZE, REGRET, SUCCESS, Measure, choose_measures
+from credit.report.measures import REGRET, RETURN_ROUNDS, SUCCESS_ROUNDS, Measure, choose_curves, choose_measures
+from credit.report.pointmaze.recognise import is_maze
 from credit.report.published import PaperValues
 from credit.report.runs import PAPER_METHODS, Runs
 from credit.report.scale import Scale
+from credit.report.settings import has
 from credit.report.statistics import Interval
 
 Row = dict[str, Any]
@@ -56,15 +59,17 @@ class Comparison:
     @property
     def curves(self) -> tuple[Measure, ...]:
         """The measures that are drawn over time."""
-        known = self.runs.metrics
-        if REGRET.metric not in known and SUCCESS.metric in known:
-            return tuple(measure for measure in (SUCCESS, AVERAGED) if measure.metric in known)
-        return (REGRET if REGRET in self.measures else self.primary,)
+        return choose_curves(self.runs.metrics, self.measures)
 
     @property
+    def trajectory(self) -> int | None:
+        """Steps of a trajectory where curves count those, in a maze: every window has the length of the horizon."""
+        return self.runs.window if self.is_maze else None
+
+    @cached_property
     def is_maze(self) -> bool:
-        """Whether episodes are judged by success after every round."""
-        return self.primary in MAZE
+        """Whether the runs have a maze, which can be drawn."""
+        return is_maze(self.runs.frame)
 
     @property
     def rows(self) -> list[Row]:
@@ -104,7 +109,7 @@ def metrics_of(comparisons: Sequence[Comparison]) -> dict[str, float]:
     """Every known number of a report: `Comparison.metrics`, with `<setting>/` before it where there are several."""
     if len(comparisons) == 1:
         return comparisons[0].metrics
-    return {f"{part.runs.setting}/{name}": value for part in comparisons for name, value in part.metrics.items()}
+    return {f"{part.runs.setting.name}/{name}": value for part in comparisons for name, value in part.metrics.items()}
 
 
 def interval_of(row: Row, name: str) -> Interval:
@@ -152,10 +157,13 @@ def summarise(
 
     Raises:
         UserError: no run has a metric that methods can be compared by.
+        ValueError: the runs are of several settings, which have nothing to be compared by.
     """
+    if runs.frame["setting"].nunique() > 1:
+        raise ValueError("summarise: runs of several settings; take those of one, from Runs.by_setting()")
     measures = choose_measures(runs.metrics, runs.experiment)
     groups = ordered_groups(runs)
-    if paper is not None and set(runs.frame["feedback"]) != {paper.feedback}:
+    if paper is not None and not has(runs.frame["setting"].iloc[0], paper.setting):
         paper = None
     base = next((entry for entry in groups if entry[0] == reference), None)
     rows = []
@@ -214,10 +222,12 @@ def _primary_columns(group: pd.DataFrame, measure: Measure, trapped_above: float
 
 
 def _against(group: pd.DataFrame, base: pd.DataFrame, measure: Measure) -> dict[str, float]:
-    ours, theirs = _scores(group, measure)["score"], _scores(base, measure)["score"]
+    ours, theirs = _scores(group, measure), _scores(base, measure)
     if not len(ours) or not len(theirs):
         return {}
-    better = statistics.probability_of_improvement(ours, theirs, lower_is_better=measure.lower_is_better)
+    better = statistics.probability_of_improvement(
+        ours["score"], theirs["score"], ours["seed"], theirs["seed"], lower_is_better=measure.lower_is_better
+    )
     return _difference(group, base, measure) | _columns("improvement", better)
 
 
@@ -230,7 +240,7 @@ def _difference(group: pd.DataFrame, base: pd.DataFrame, measure: Measure, prefi
 
 
 def _contrasted(measures: tuple[Measure, ...]) -> tuple[Measure, ...]:
-    return measures if measures[0] in MAZE else measures[:1]
+    return measures if measures[0] in (*SUCCESS_ROUNDS, *RETURN_ROUNDS) else measures[:1]
 
 
 def _scores(group: pd.DataFrame, measure: Measure) -> pd.DataFrame:

@@ -13,7 +13,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from credit.report import statistics, style
 from credit.report.comparison import Comparison, display_name, interval_of, ordered_groups
-from credit.report.measures import AVERAGED, SUCCESS, Measure
+from credit.report.measures import AVERAGED, AVERAGED_WORTH, SUCCESS, WORTH, Measure
 from credit.report.runs import load_curves
 from credit.report.text import heading
 
@@ -22,6 +22,8 @@ Key = tuple[str, str]  # method and slug
 
 COLUMNS = 2  # panels side by side
 POLICIES = {SUCCESS: "Current actor", AVERAGED: "Averaged actor"}
+POLICIES |= {WORTH: "Current actor", AVERAGED_WORTH: "Averaged actor"}
+TRAJECTORIES = "Online trajectories after the demonstrations"
 POINTS = "points: seeds; circle and bar: interquartile mean, 95% interval"
 
 
@@ -74,19 +76,20 @@ def curves_figure(comparisons: Sequence[Comparison]) -> Figure | None:
     drawn = [(*panel, lines) for panel in every if (lines := _curves(*panel, looks))]
     if not drawn:
         return None
-    if len(every) == 1 and not comparisons[0].is_maze:
+    if len(every) == 1 and every[0][1] not in POLICIES:
         figure = _one_setting(*drawn[0])
     else:
         letters = _letters(_two_lines(look.name) for look in looks.values())
         figure, panels = _panels(len(drawn), 4.0 + 0.07 * letters, 4.1)
         for panel, (comparison, measure, lines) in zip(panels, drawn, strict=True):
-            top = 1.02 if comparison.is_maze else 1.04 * max(line.ceiling for line in lines)
-            _draw(panel, lines, measure, (0.0 if comparison.is_maze else _floor(lines), top))
+            rate = measure in (SUCCESS, AVERAGED)
+            top = 1.02 if rate else 1.04 * max(line.ceiling for line in lines)
+            _draw(panel, lines, measure, (0.0 if rate else _floor(lines), top))
             style.label_ends(panel, [line.label for line in lines])
-            policy = POLICIES.get(measure, "") if comparison.is_maze else ""
+            policy = POLICIES.get(measure, "")
             panel.set_title(": ".join(filter(None, [heading(comparison.runs), policy])))
-    unit = "Online trajectories after the demonstrations" if comparisons[0].is_maze else "Primitive environment steps"
-    figure.supxlabel(f"{unit} (mean over seeds and 95% interval)", fontsize=9)
+    units = ["Primitive environment steps" if part.trajectory is None else TRAJECTORIES for part in comparisons]
+    figure.supxlabel(f"{' or '.join(dict.fromkeys(units))} (mean over seeds and 95% interval)", fontsize=9)
     return figure
 
 
@@ -167,7 +170,7 @@ def _looks(comparisons: Sequence[Comparison]) -> dict[Key, Look]:
 
 def _curves(comparison: Comparison, measure: Measure, looks: Mapping[Key, Look]) -> list[Curve]:
     lines = []
-    unit = comparison.runs.window if comparison.is_maze else 1  # every window has the length of the horizon there
+    unit = comparison.trajectory or 1
     for method, slug, group in ordered_groups(comparison.runs):
         loaded = load_curves(group, measure.metric)
         if loaded is None:

@@ -28,7 +28,10 @@ SUCCESS = Measure("eval/success", "Success rate", "Success rate", lower_is_bette
 RETURN = Measure("return/label", "Return", "Return", lower_is_better=False)
 MSE = Measure("reward/mse", "Mixed reward MSE", "Mixed reward MSE")
 AVERAGED = Measure("eval/success_averaged", "Success rate, averaged actor", "Success rate", lower_is_better=False)
+WORTH = Measure("eval/return", "Return of the policy", "Return", lower_is_better=False)
+AVERAGED_WORTH = Measure("eval/return_averaged", "Return, averaged actor", "Return", lower_is_better=False)
 AUC = Measure("eval/auc", "AUC of success", "Mean success rate over the rounds", lower_is_better=False)
+AUC_OF_RETURN = Measure("eval/auc", "AUC of return", "Mean return over the rounds", lower_is_better=False)
 
 CONTINUING = (
     REGRET,
@@ -44,14 +47,21 @@ EPISODIC = (
     Measure("return/policy", "Value of the policy", "Value of the executed policy", lower_is_better=False),
     MSE,
 )
-# Success is bounded, and most reach it in the end: how soon (AUC) and how lastingly (lost) tell methods apart.
-MAZE = (
+# Policies that are judged after every round, by success where there is such a thing, else by return. Success is
+# bounded, and most reach it in the end: how soon (AUC) and how lastingly (lost) tell methods apart.
+SUCCESS_ROUNDS = (
     Measure("eval/final", "Success in the last four rounds", "Success rate", lower_is_better=False),
     Measure("eval/final_averaged", "Last four, averaged actor", "Success rate", lower_is_better=False),
     AUC,
     Measure("eval/auc_averaged", "AUC, averaged actor", "Mean success rate over the rounds", lower_is_better=False),
     Measure("eval/lost", "Lost rounds", "Share of lost rounds", per="eval/learned"),
     Measure("eval/lost_averaged", "Lost, averaged actor", "Share of lost rounds", per="eval/learned_averaged"),
+)
+RETURN_ROUNDS = (
+    Measure("eval/final", "Return in the last four rounds", "Return", lower_is_better=False),
+    Measure("eval/final_averaged", "Last four, averaged actor", "Return", lower_is_better=False),
+    AUC_OF_RETURN,
+    Measure("eval/auc_averaged", "AUC, averaged actor", "Mean return over the rounds", lower_is_better=False),
 )
 
 
@@ -62,19 +72,36 @@ def choose_measures(known: Sequence[str], experiment: str) -> tuple[Measure, ...
         known: metrics that at least one run has.
         experiment: for the message.
 
+    Returns:
+        Those that are known, in the order of columns.
+
     Raises:
         UserError: no run has a metric that methods can be compared by.
     """
     wanted: tuple[Measure, ...] = EPISODIC if SHARE.metric in known else CONTINUING
-    if MAZE[0].metric in known and REGRET.metric not in known:
-        wanted = MAZE
+    if SUCCESS_ROUNDS[0].metric in known and REGRET.metric not in known:
+        wanted = SUCCESS_ROUNDS if SUCCESS.metric in known else RETURN_ROUNDS
     measures = tuple(measure for measure in wanted if {measure.metric, measure.per or measure.metric} <= set(known))
-    if not {REGRET.metric, SUCCESS.metric, SHARE.metric} & set(known) and RETURN.metric in known:
-        measures = (RETURN, *measures)
+    if wanted is CONTINUING and not {REGRET.metric, SUCCESS.metric} & set(known):
+        measures = (*[measure for measure in (WORTH, RETURN) if measure.metric in known][:1], *measures)
     if not measures:
-        names = ", ".join(measure.metric for measure in (*CONTINUING, SHARE, RETURN))
+        names = ", ".join(measure.metric for measure in (*CONTINUING, SHARE, *RETURN_ROUNDS[::2], WORTH, RETURN))
         raise UserError(
             f"The runs of experiment={experiment} have none of the metrics that are compared "
             f"({names}); they have {', '.join(sorted(known)) or 'no metrics'}."
         )
     return measures
+
+
+def choose_curves(known: Sequence[str], measures: Sequence[Measure]) -> tuple[Measure, ...]:
+    """What is drawn over time: the regret where it is known, else the policies as they are judged.
+
+    Args:
+        known: metrics that at least one run has.
+        measures: the columns of the table.
+    """
+    if REGRET.metric not in known:
+        for judged in ((SUCCESS, AVERAGED), (WORTH, AVERAGED_WORTH)):
+            if judged[0].metric in known:
+                return tuple(measure for measure in judged if measure.metric in known)
+    return (REGRET if REGRET in measures else measures[0],)

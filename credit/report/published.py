@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -14,12 +14,12 @@ import yaml
 class PaperValues:
     """What the paper reports: where, from how many seeds, and {method: {metric: (mean, standard error)}}.
 
-    `feedback` is the setting it is about, as the text that `credit.report.settings.read_feedback` gives.
+    `setting` is what it is about, key → value as `credit.report.settings.values_of` has them; other keys are free.
     """
 
     source: str
     seeds: int
-    feedback: str
+    setting: Mapping[str, Any]
     methods: Mapping[str, Mapping[str, tuple[float, float]]]
 
 
@@ -33,4 +33,4 @@ def load_paper(experiment: str) -> PaperValues | None:
         method: {metric: (float(mean), float(error)) for metric, (mean, error) in values.items()}
         for method, values in data["methods"].items()
     }
-    return PaperValues(data["source"], int(data["seeds"]), json.dumps(data["feedback"], sort_keys=True), methods)
+    return PaperValues(data["source"], int(data["seeds"]), data["setting"], methods)

@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from credit.core.errors import UserError
 from credit.report.comparison import display_name, ordered_groups
+from credit.report.reading import arrays
 from credit.report.runs import Runs
 from credit.report.statistics import Array
 from credit.report.text import heading
 
+FILE = "recovery.npz"
 MOST_CELLS = 60
 PAIRS = ("state", "action")
 Axes = Mapping[str, NDArray[np.int64]]  # name → place of every cell of a table on this axis, horizontal first
@@ -72,7 +74,7 @@ def recovered_maps(runs: Runs, seed: int | None = None) -> Maps | None:
         The maps, or None where the runs have no recovery, or tables that are large and have no axes.
 
     Raises:
-        UserError: the seed is not among the runs.
+        UserError: the seed is not among the runs, or a file of them is damaged.
     """
     groups = sorted(ordered_groups(runs), key=lambda entry: entry[0] != "disagreement")
     group = next((frame for _, _, frame in groups if _recovery_file(frame["folder"].iloc[0]).exists()), None)
@@ -86,18 +88,18 @@ def recovered_maps(runs: Runs, seed: int | None = None) -> Maps | None:
         )
     chosen = group if seed is None else group[group["seed"] == seed]
     who = f"seed {chosen['seed'].iloc[0]}" if len(chosen) == 1 else f"mean over {len(chosen)} seeds"
-    setting = f" ({heading(runs)})" if runs.setting else ""
+    setting = f" ({heading(runs)})" if runs.setting.name else ""
     return _maps(f"{name}{setting}, end of training, {who}", chosen)
 
 
 def _recovery_file(folder: str) -> Path:
-    return Path(folder) / "recovery.npz"
+    return Path(folder) / FILE
 
 
 def _maps(title: str, chosen: pd.DataFrame) -> Maps | None:
     stacks: dict[str, list[Array]] = {}
     for folder in chosen["folder"]:
-        with np.load(_recovery_file(folder), allow_pickle=False) as data:
+        with arrays(folder, FILE) as data:
             cells = tuple(data["cells"].tolist()) if "cells" in data else PAIRS
             models = [str(model) for model in data["models"]]
             keys = ["reward/true", *(f"reward/{model}" for model in models), "reward/mixed", f"weight/{models[0]}"]

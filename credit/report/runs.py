@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,14 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from credit.core.errors import UserError, nearest
-from credit.report.settings import is_called, name_settings, read_feedback, variant
+from credit.report.provenance import COLUMNS as CODE
+from credit.report.provenance import choose_commits
+from credit.report.reading import read_run, setting_of_unfinished, unusable
+from credit.report.settings import Setting, choose_settings, variant
 
 # The paper's methods in the order of its Table 1.
 PAPER_METHODS = ("block", "delayed", "reference", "adaptive_mse", "disagreement")
-IDENTITY = ("method", "slug", "seed", "name", "folder", "feedback", "config_hash", "git_commit")
+IDENTITY = ("method", "slug", "seed", "name", "folder", "setting", "config_hash", *CODE)
 
 
 @dataclass(frozen=True)
@@ -27,21 +30,22 @@ class Runs:
     Attributes:
         experiment: its name.
         frame: one row a finished run: method, slug (without what makes the setting), seed, name (as displayed),
-            folder, feedback (the setting, as text), config_hash, git_commit, then one column a final metric
-            (NaN = not known).
+            folder, setting (as text), config_hash, git_commit, version, then one column a final metric (NaN = not
+            known).
         unfinished: folders without DONE among those asked for; they are never used.
-        setting: its name, "" for several settings or for the only one where nothing calls for a name.
+        setting: which, beside the others; without a name for the only one where nothing calls for a name.
     """
 
     experiment: str
     frame: pd.DataFrame
     unfinished: tuple[Path, ...]
-    setting: str = ""
+    setting: Setting = field(default_factory=Setting)
 
     @property
-    def window(self) -> int:
-        """Steps of a whole window; of the first setting where there are several."""
-        return int(json.loads(self.frame["feedback"].iloc[0])["window"])
+    def window(self) -> int | None:
+        """Steps of a whole window, where the feedback names them; of the first setting where there are several."""
+        found = json.loads(self.frame["setting"].iloc[0]).get("feedback.window")
+        return None if found is None else int(found)
 
     @property
     def metrics(self) -> list[str]:
@@ -49,36 +53,32 @@ class Runs:
         names = [column for column in self.frame.columns if column not in IDENTITY]
         return [name for name in names if self.frame[name].notna().any()]
 
-    def by_setting(self, feedback: Sequence[str] | None = None) -> list[Runs]:
+    def by_setting(self, feedback: Sequence[str] | None = None, where: Mapping[str, Any] | None = None) -> list[Runs]:
         """The runs of each setting, ordered by its name.
 
         Args:
             feedback: only settings of these names; all by default.
+            where: only settings with these values, such as `{"env.maze": "Large"}`.
 
         Raises:
-            UserError: no run has a feedback of that name.
+            UserError: no run has a setting of that name, or with these values.
         """
-        names = name_settings(self.frame["feedback"].unique())
-        for wanted in feedback or ():
-            if not any(is_called(name, wanted) for name in names.values()):
-                raise UserError(
-                    f"No finished run of experiment={self.experiment} that was asked for has feedback={wanted}; "
-                    f"{nearest(wanted, list(names.values()))}."
-                )
-        chosen = [text for text in names if not feedback or any(is_called(names[text], name) for name in feedback)]
+        every = [str(text) for text in self.frame["setting"].unique()]
+        chosen = choose_settings(every, self.experiment, feedback, where)
         overridden = any(Path(f).parent.name != slug for f, slug in self.frame[["folder", "slug"]].to_numpy())
-        if len(names) == 1 and not feedback and not overridden:
+        if len(every) == 1 and not feedback and not where and not overridden:
             return [self]
         # What has no finished run beside it, or no readable configuration, is still left out, and counted once.
-        labels = [(folder, _feedback_of_unfinished(folder)) for folder in self.unfinished]
+        first = next(iter(chosen))
+        labels = [(folder, setting_of_unfinished(folder)) for folder in self.unfinished]
         return [
             replace(
                 self,
-                frame=self.frame[self.frame["feedback"] == text].reset_index(drop=True),
-                unfinished=tuple(f for f, label in labels if (label if label in names else chosen[0]) == text),
-                setting=names[text],
+                frame=self.frame[self.frame["setting"] == text].reset_index(drop=True),
+                unfinished=tuple(f for f, label in labels if (label if label in every else first) == text),
+                setting=setting,
             )
-            for text in chosen
+            for text, setting in chosen.items()
         ]
 
 
@@ -90,6 +90,7 @@ def load_runs(
     slugs: Sequence[str] | None = None,
     seed: int | None = None,
     replicas: int | None = None,
+    commits: Sequence[str] | None = None,
 ) -> Runs:
     """Load the final metrics of every finished run that was asked for.
 
@@ -98,22 +99,23 @@ def load_runs(
         experiment: which one.
         methods: only these; all by default.
         slugs: only these variants ("default", or the slug of a run's overrides, with or without those of the
-            feedback); all by default.
+            setting); all by default.
         seed: the first seed; seeds below it are left out.
         replicas: how many seeds from `seed` (or 0) on; all by default.
+        commits: only runs that were made by these commits, by their first digits; all by default.
 
     Returns:
         The runs, sorted by method, slug and seed.
 
     Raises:
-        UserError: nothing finished was found, a method that was asked for has no finished run, or runs of one
-            setting, method and slug come from different configurations.
+        UserError: nothing finished was found, a method or commit that was asked for has no finished run, or runs of
+            one setting, method and slug come from different configurations.
     """
     first = seed or 0
     last = first + replicas if replicas is not None else None
     rows: list[dict[str, Any]] = []
     unfinished: list[Path] = []
-    feedbacks: dict[str, str] = {}
+    settings: dict[str, str] = {}
     for folder in sorted((output / experiment).glob("*/*/seed-*")):
         suffix = folder.name.removeprefix("seed-")
         if not suffix.isdecimal():
@@ -127,7 +129,7 @@ def load_runs(
         ):
             continue
         if (folder / "DONE").exists():
-            rows.append(_read_run(folder, feedbacks))
+            rows.append(read_run(folder, settings))
         else:
             unfinished.append(folder)
     finished = {done.parents[2].name for done in (output / experiment).glob("*/*/seed-*/DONE")}
@@ -136,10 +138,12 @@ def load_runs(
     if not rows:
         raise UserError(_nothing_found(output, experiment, finished, unfinished))
     frame = pd.DataFrame(rows).sort_values(["method", "slug", "seed"], ignore_index=True)
+    if commits:
+        frame = choose_commits(frame, commits, experiment)
     _require(methods, set(frame["method"]), experiment)
     _check_same_configuration(frame)
     # an override that repeats the default is another folder, but the same run
-    frame = frame.drop_duplicates(["feedback", "method", "slug", "seed"], ignore_index=True)
+    frame = frame.drop_duplicates(["setting", "method", "slug", "seed"], ignore_index=True)
     return Runs(experiment, frame, tuple(unfinished))
 
 
@@ -153,13 +157,19 @@ def load_curves(runs: pd.DataFrame, metric: str) -> tuple[NDArray[np.float64], N
     Returns:
         Steps [L] (primitive environment steps) and values [n, L], or None where a run lacks the metric. Runs
         that were logged at different steps are interpolated onto one grid, which ends with the shortest run.
+
+    Raises:
+        UserError: a journal is damaged.
     """
     curves: list[pd.DataFrame] = []
-    for folder in runs["folder"]:
-        curve = pd.read_csv(Path(folder) / "metrics.csv", usecols=lambda name: name in ("step", metric))
-        if metric not in curve or curve[metric].isna().all():
-            return None
-        curves.append(curve.dropna())
+    for folder in map(Path, runs["folder"]):
+        try:
+            curve = pd.read_csv(folder / "metrics.csv", usecols=lambda name: name in ("step", metric), dtype=float)
+            if metric not in curve or curve[metric].isna().all():
+                return None
+            curves.append(curve.dropna(subset=["step", metric]))
+        except (OSError, ValueError, KeyError) as error:
+            raise UserError(unusable(folder, "metrics.csv", error)) from error
     steps = [curve["step"].to_numpy(dtype=float) for curve in curves]
     values = [curve[metric].to_numpy(dtype=float) for curve in curves]
     if all(np.array_equal(steps[0], other) for other in steps):
@@ -174,47 +184,9 @@ def describe_seeds(seeds: Sequence[int]) -> str:
     return f"{span} ({len(seeds)})"
 
 
-def _read_run(folder: Path, feedbacks: dict[str, str]) -> dict[str, Any]:
-    """The row of a run; `feedbacks` keeps what is known by configuration hash, since YAML is slow to read."""
-    name = "summary.json"
-    try:
-        summary = json.loads((folder / name).read_text(encoding="utf-8"))
-        row = _row(summary, folder)
-        name = "config.yaml"
-        if row["config_hash"] not in feedbacks:
-            feedbacks[row["config_hash"]] = read_feedback(folder)
-    except (OSError, ValueError, KeyError) as error:
-        raise UserError(
-            f"{folder} is marked as finished, but its {name} cannot be used "
-            f"({type(error).__name__}: {error}). Delete the folder and run this seed again."
-        ) from error
-    return row | {"feedback": feedbacks[row["config_hash"]]}
-
-
-def _feedback_of_unfinished(folder: Path) -> str:
-    try:
-        return read_feedback(folder)
-    except (OSError, ValueError):
-        return ""
-
-
-def _row(summary: dict[str, Any], folder: Path) -> dict[str, Any]:
-    metrics = {name: np.nan if value is None else float(value) for name, value in summary["metrics"].items()}
-    return {
-        "method": summary["method"],
-        "slug": variant(summary["slug"]),
-        "seed": int(summary["seed"]),
-        "name": summary.get("paper", {}).get("name", summary["method"]),
-        "folder": str(folder),
-        "config_hash": summary["config_hash"],
-        "git_commit": summary.get("git_commit"),
-        **metrics,
-    }
-
-
 def _check_same_configuration(frame: pd.DataFrame) -> None:
     problems = []
-    for (_, method, slug), group in frame.groupby(["feedback", "method", "slug"]):
+    for (_, method, slug), group in frame.groupby(["setting", "method", "slug"]):
         by_hash = {str(key): list(part["seed"]) for key, part in group.groupby("config_hash")}
         if len(by_hash) > 1 and _differ(group.drop_duplicates("config_hash")["folder"]):
             parts = ", ".join(f"{key[:12]} (seeds {describe_seeds(seeds)})" for key, seeds in by_hash.items())
@@ -222,12 +194,13 @@ def _check_same_configuration(frame: pd.DataFrame) -> None:
     if problems:
         raise UserError(
             "Runs of different configurations cannot be averaged: " + "; ".join(problems) + ". "
-            "Choose one of them by its seeds (seed=... replicas=...), or delete the outdated folders."
+            "Choose one of them by its seeds (seed=… replicas=…) or commit (commit=…), or move the outdated folders "
+            "to another output."
         )
 
 
 def _differ(folders: Iterable[str]) -> bool:
-    """Whether runs whose summaries have different hashes are different by today's identity."""
+    """Whether runs whose summaries have different hashes are different by today's identity, too."""
     from credit.runs import job  # it takes PyTorch, which a comparison needs for nothing else
 
     return len({job.identity(job.read(Path(folder))) for folder in folders}) > 1

@@ -13,19 +13,25 @@ UNKNOWN = "–"
 SUPERSCRIPTS = "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"
 
 
+DIGITS = 1e7  # a number has at most seven
+LARGEST, SMALLEST = 1e6, 1e-3  # what a wide column prints without a power of ten
+
+
 @dataclass(frozen=True)
 class Scale:
-    """Numbers are divided by 10^exponent and printed with so many decimals."""
+    """Numbers are divided by 10^exponent and printed with so many decimals, or, in a wide column, each by itself."""
 
     exponent: int
     decimals: int
+    wide: bool = False
 
     @classmethod
     def of(cls, means: pd.Series[float], errors: pd.Series[float]) -> Scale:
         """The scale of a column: a power of a thousand where all means are very large or very small.
 
         The smallest standard error shows two digits, or one where its first digit is 5 or more; without
-        errors the smallest mean shows three.
+        errors the smallest mean shows three. No such scale serves both 3e-11 and 3e-3: a column is wide in which a
+        number would have more than seven digits, or an error, or a mean beyond its error, none but zeros.
 
         Args:
             means: one a row of the table, NaN = not known.
@@ -38,30 +44,69 @@ class Scale:
         if len(sizes) and (sizes.min() >= 1e4 or sizes.max() < 0.05):
             exponent = 3 * math.floor(math.log10(sizes.min()) / 3)
         if len(spreads):
-            digits = 1 - math.floor(math.log10(2 * spreads.min() / 10**exponent))
+            digits = _digits(spreads.min() / 10**exponent)
         else:
             digits = 2 - math.floor(math.log10(sizes.min() / 10**exponent)) if len(sizes) else 0
-        return cls(exponent, min(max(digits, 0), 3))
+        decimals = min(max(digits, 0), 3)
+        last = 10.0 ** (exponent - decimals)  # the unit of the last digit
+        clear = pd.concat([spreads, sizes[~(errors >= means.abs())]])
+        return cls(exponent, decimals, bool((sizes >= DIGITS * last).any() or (clear < 0.5 * last).any()))
 
     @property
     def unit(self) -> str:
         """` (×10³)`, or nothing where the numbers are printed as they are."""
-        power = str(self.exponent).translate(str.maketrans("-0123456789", SUPERSCRIPTS))
-        return f" (×10{power})" if self.exponent else ""
+        return f" (×10{_raised(self.exponent)})" if self.exponent and not self.wide else ""
 
     def number(self, value: float, signed: bool = False) -> str:
         """One number; an unknown one is a dash."""
         if pd.isna(value):
             return UNKNOWN
-        text = f"{value / 10**self.exponent:{'+' if signed else ''}.{self.decimals}f}"
-        return text.replace("-", "−")
+        if self.wide:
+            return _alone(value, _digits(value), signed)
+        return _fixed(value / 10**self.exponent, self.decimals, signed)
 
     def with_error(self, mean: float, error: float) -> str:
         """`mean ± standard error`, or the mean alone where there is no error."""
-        return self.number(mean) if pd.isna(error) else f"{self.number(mean)} ± {self.number(error)}"
+        if pd.isna(error):
+            return self.number(mean)
+        if not self.wide:
+            return f"{self.number(mean)} ± {self.number(error)}"
+        power, decimals = _power(max(abs(mean), error)), _digits(error or mean)
+        numbers = " ± ".join(_fixed(value / 10**power, _kept(decimals, power)) for value in (mean, error))
+        return f"({numbers})×10{_raised(power)}" if power else numbers
 
     def ends(self, interval: Interval, signed: bool = False) -> str:
         """`[low, high]`, or nothing where there is no interval."""
         if pd.isna(interval.low):
             return ""
         return f"[{self.number(interval.low, signed)}, {self.number(interval.high, signed)}]"
+
+
+def _fixed(value: float, decimals: int, signed: bool = False) -> str:
+    return f"{value:{'+' if signed else ''}.{decimals}f}".replace("-", "−")
+
+
+def _raised(power: int) -> str:
+    return str(power).translate(str.maketrans("-0123456789", SUPERSCRIPTS))
+
+
+def _power(size: float) -> int:
+    """The power of ten that is printed beside a number of this size, if it calls for one."""
+    return 0 if size == 0 or SMALLEST <= abs(size) < LARGEST else math.floor(math.log10(abs(size)))
+
+
+def _digits(size: float) -> int:
+    """Decimals that show two digits of a number, or one where its first digit is 5 or more."""
+    return 1 - math.floor(math.log10(2 * abs(size))) if size else 0
+
+
+def _kept(decimals: int, power: int) -> int:
+    """Decimals that are left beside a power of ten; an error of rounding asks for no more than five."""
+    return min(max(decimals + power, 0), 5)
+
+
+def _alone(value: float, decimals: int, signed: bool) -> str:
+    """One number of a wide column, to two digits."""
+    power = _power(value)
+    number = _fixed(value / 10**power, _kept(decimals, power), signed)
+    return f"{number}×10{_raised(power)}" if power else number

@@ -157,36 +157,74 @@ def paired_difference(x: ArrayLike, y: ArrayLike) -> Interval:
 
 
 def probability_of_improvement(
-    x: ArrayLike, y: ArrayLike, *, lower_is_better: bool = True, draws: int = DRAWS, seed: int = 0
+    x: ArrayLike,
+    y: ArrayLike,
+    seeds_x: ArrayLike | None = None,
+    seeds_y: ArrayLike | None = None,
+    *,
+    lower_is_better: bool = True,
+    draws: int = DRAWS,
+    seed: int = 0,
 ) -> Interval:
-    """How often a run of X beats a run of Y: P(X < Y) + ½ P(X = Y) over all n·m pairs.
+    """How often a run of X beats a run of Y: P(X < Y) + ½ P(X = Y) over all pairs of runs with different seeds.
 
-    This is the Mann–Whitney statistic U/(n·m). The percentile bootstrap resamples the seeds of X and of Y
-    independently.
-    Source: Agarwal et al. 2021, section 4.3; Mann and Whitney 1947.
+    Over disjoint seeds this is the Mann–Whitney statistic U/(n·m). A seed does something to both methods alike, so
+    that its own pair says nothing of two independent runs, and is left out. The bootstrap draws seeds with
+    replacement, each with the runs that it has: a common seed brings both, and one of a single method is drawn among
+    its like. Percentiles are expanded, Φ(−t √(n/(n−1))) instead of 2.5%, since a bootstrap of few is too narrow.
+    Source: Agarwal et al. 2021, section 4.3; Mann and Whitney 1947; Hesterberg 2015, "What teachers should know about
+    the bootstrap" (expanded percentiles).
 
     Args:
         x: [n] scores of a method.
         y: [m] scores of the reference.
+        seeds_x: [n] the distinct seeds behind x. seeds_y: [m] those behind y; without them, no seed is common.
         lower_is_better: whether a lower score wins.
         draws: number of bootstrap samples.
         seed: of the resampling.
 
     Returns:
-        The probability and its percentile interval (½ means that neither is better).
+        The probability and its interval (½ means that neither is better), which is rough for fewer than ten seeds. NaN
+        where no two runs have different seeds; the ends are NaN where a side has fewer than three seeds, or where all
+        resamples agree, since a few seeds of one mind leave no spread to measure.
+
+    Raises:
+        ValueError: seeds are given for one side alone.
     """
     a, b = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    if (seeds_x is None) != (seeds_y is None):
+        raise ValueError("probability_of_improvement: give the seeds of both sides, or of neither")
+    own = np.zeros((a.size, b.size), dtype=bool)
+    if seeds_x is not None and seeds_y is not None:
+        own = np.asarray(seeds_x)[:, None] == np.asarray(seeds_y)[None, :]
     sign = 1.0 if lower_is_better else -1.0
-    wins = np.heaviside(sign * (b[None, :] - a[:, None]), 0.5)
-    value = float(wins.mean())
-    if a.size < 2 or b.size < 2:
+    wins = np.where(own, 0.0, np.heaviside(sign * (b[None, :] - a[:, None]), 0.5))
+    if own.all():
+        return Interval(float("nan"), float("nan"), float("nan"))
+    value = float(wins.sum() / (~own).sum())
+    if min(a.size, b.size) < 3:
         return Interval(value, float("nan"), float("nan"))
     # A resample is how often each seed was drawn, so all draws are two matrix products.
+    left, right = np.nonzero(own)
     rng = np.random.default_rng(seed)
-    drawn_a = rng.multinomial(a.size, np.full(a.size, 1 / a.size), size=draws)
-    drawn_b = rng.multinomial(b.size, np.full(b.size, 1 / b.size), size=draws)
-    samples = ((drawn_a @ wins) * drawn_b).sum(axis=1) / (a.size * b.size)
-    return Interval(value, *_ends(samples))
+    drawn_a, drawn_b = (_drawn(rng, size, common, draws) for size, common in ((a.size, left), (b.size, right)))
+    drawn_b[:, right] = drawn_a[:, left]
+    pairs = a.size * b.size - (drawn_a[:, left] * drawn_b[:, right]).sum(axis=1)
+    samples = ((drawn_a @ wins) * drawn_b).sum(axis=1)[pairs > 0] / pairs[pairs > 0]
+    if samples.max() == samples.min():
+        return Interval(value, float("nan"), float("nan"))
+    n = min(a.size, b.size)
+    tail = float(special.ndtr(-np.sqrt(n / (n - 1)) * special.stdtrit(n - 1, (1 + CONFIDENCE) / 2)))
+    return Interval(value, *_ends(samples, tail))
+
+
+def _drawn(rng: np.random.Generator, size: int, common: NDArray[np.intp], draws: int) -> Array:
+    """How often each of `size` seeds is drawn [draws, size]: common ones among themselves, and so the others."""
+    times = np.zeros((draws, size))
+    for group in (common, np.setdiff1d(np.arange(size), common)):
+        if group.size:
+            times[:, group] = rng.multinomial(group.size, np.full(group.size, 1 / group.size), size=draws)
+    return times
 
 
 def count_trapped(scores: ArrayLike, above: float) -> int:
@@ -202,6 +240,6 @@ def count_trapped(scores: ArrayLike, above: float) -> int:
     return int((np.asarray(scores, dtype=float) > above).sum())
 
 
-def _ends(samples: Array) -> tuple[float, float]:
-    low, high = np.quantile(samples, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
+def _ends(samples: Array, tail: float = (1 - CONFIDENCE) / 2) -> tuple[float, float]:
+    low, high = np.quantile(samples, [tail, 1 - tail])
     return float(low), float(high)

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from credit.report.comparison import Comparison, Row, interval_of
 from credit.report.scale import SUPERSCRIPTS, UNKNOWN, Scale
-from credit.report.text import caption, heading, sentences
+from credit.report.text import caption, heading, in_common, remarks, sentences
 
 Cell = tuple[str, str]  # a value, and what stands in brackets below or after it ("" = nothing)
 GAP = 2  # characters between two columns of a terminal table
@@ -60,7 +60,7 @@ def terminal_tables(comparison: Comparison, width: int = 100) -> list[Table]:
 
 def markdown(*comparisons: Comparison) -> str:
     """The tables and sentences of every setting, and the caption, as Markdown."""
-    parts = [f"# Comparison: {comparisons[0].runs.experiment}"]
+    parts = [f"# Comparison: {comparisons[0].runs.experiment}", in_common(*comparisons)]
     for comparison in comparisons:
         level = "##"
         if heading(comparison.runs):
@@ -78,23 +78,25 @@ def markdown(*comparisons: Comparison) -> str:
 def latex(*comparisons: Comparison) -> str:
     """A table environment for every setting, to be read with \\input; they need only the booktabs package."""
     tables = [_latex_table(comparison) for comparison in comparisons]
-    return "\n\n".join(["% Needs \\usepackage{booktabs}.\n" + tables[0], *tables[1:]]) + "\n"
+    opening = _comments("Needs \\usepackage{booktabs}.", in_common(*comparisons))
+    return "\n\n".join(["\n".join([*opening, tables[0]]), *tables[1:]]) + "\n"
 
 
 def csv(*comparisons: Comparison) -> str:
     """The raw numbers, one row a method and slug; a named setting is the first column."""
-    return _to_csv([(comparison.runs.setting, comparison.table) for comparison in comparisons])
+    return _to_csv([(comparison.runs.setting.name, comparison.table) for comparison in comparisons])
 
 
 def runs_csv(*comparisons: Comparison) -> str:
     """The final metrics, one row a run; a named setting is the first column."""
-    hidden = ["name", "folder", "feedback"]
-    return _to_csv([(part.runs.setting, part.runs.frame.drop(columns=hidden)) for part in comparisons])
+    hidden = ["name", "folder", "setting"]
+    return _to_csv([(part.runs.setting.name, part.runs.frame.drop(columns=hidden)) for part in comparisons])
 
 
 def _latex_table(comparison: Comparison) -> str:
     where = f"{comparison.runs.experiment}{f', {heading(comparison.runs)}' if heading(comparison.runs) else ''}"
-    lines = ["\\begin{table}[t]", "\\centering", "\\scriptsize", "\\setlength{\\tabcolsep}{3pt}"]
+    lines = _comments(*remarks(comparison))
+    lines += ["\\begin{table}[t]", "\\centering", "\\scriptsize", "\\setlength{\\tabcolsep}{3pt}"]
     lines += [f"\\caption{{Methods on {_tex(where)}: {_tex(caption(comparison))}}}\\smallskip"]
     for grid in grids(comparison):
         lines += ["", f"\\begin{{tabular}}{{@{{}}l{'r' * (len(grid.header) - 1)}@{{}}}}", "\\toprule"]
@@ -223,6 +225,10 @@ def _pipes(cells: list[str]) -> str:
 def _ampersands(cells: list[str]) -> str:
     # The empty group keeps a leading bracket from being read as the optional argument of the \\ before it.
     return "{}" + " & ".join(_tex(cell) for cell in cells) + " \\\\"
+
+
+def _comments(*lines: str) -> list[str]:
+    return [f"% {line}".replace("…", "...").encode("ascii", "replace").decode() for line in lines]
 
 
 def _tex(text: str) -> str:

@@ -5,13 +5,27 @@ from __future__ import annotations
 import pandas as pd
 
 from credit.report.comparison import Comparison, interval_of
-from credit.report.measures import AUC, Measure
+from credit.report.measures import AUC, AUC_OF_RETURN, Measure
+from credit.report.provenance import differing_code
 from credit.report.runs import Runs
+from credit.report.settings import common_values, describe
 
 
 def heading(runs: Runs) -> str:
     """The setting as one would type it; empty where it has no name."""
-    return f"feedback={runs.setting}" if runs.setting else ""
+    return runs.setting.words
+
+
+def in_common(*comparisons: Comparison) -> str:
+    """The problem and the budget that all runs of a report share, in one line."""
+    settings = {str(comparison.runs.frame["setting"].iloc[0]) for comparison in comparisons}
+    return f"In common: {describe(common_values(settings)) or 'nothing'}."
+
+
+def remarks(comparison: Comparison) -> list[str]:
+    """What sets these runs apart from others, and whether they may stand in one table at all."""
+    own = describe(comparison.runs.setting.own)
+    return [*([f"Here: {own}."] if own else []), *filter(None, [differing_code(comparison.runs.frame)])]
 
 
 def caption(*comparisons: Comparison) -> str:
@@ -21,7 +35,7 @@ def caption(*comparisons: Comparison) -> str:
 
 def sentences(comparison: Comparison) -> list[str]:
     """What may be said about the differences to the reference, and what was left out."""
-    lines = _differences(comparison)
+    lines = [*remarks(comparison), *_differences(comparison)]
     for row in comparison.rows:
         for measure in comparison.measures:
             known = row[f"{measure.metric}/n"]
@@ -42,16 +56,20 @@ def _explained(comparison: Comparison) -> list[str]:
         parts.append(
             f"differences to {comparison.reference_name} are paired by seed, with a 95% t-interval; "
             f"P(improvement) is the probability that a run of the method has the {direction} "
-            f"{comparison.primary.title.lower()} of the two, with a 95% bootstrap interval"
+            f"{comparison.primary.title.lower()} of two runs with different seeds, with a 95% bootstrap interval over "
+            f"seeds, each with the runs of both methods where it has both (rough for fewer than ten seeds)"
         )
     if comparison.counts_trapped:
         parts.append(f"trapped seeds end with a regret above {comparison.trapped_above:g}")
-    if comparison.is_maze:
-        parts.append("AUC is the mean success rate over all rounds")
+    shown = {measure.metric: measure for measure in comparison.measures}
+    if auc := shown.get(AUC.metric):
+        parts.append(f"AUC is the {auc.axis.lower().removesuffix(' over the rounds')} over all rounds")
+    if "eval/lost" in shown:
         parts.append(
             "lost rounds are those with a success rate below .6 after a round with .9 or more, as a share of all after "
             "such a round, pooled over seeds"
         )
+    if any(metric.endswith("_averaged") for metric in shown):
         parts.append("the averaged actor has a moving average of the policy's weights and is only evaluated")
     return parts
 
@@ -59,8 +77,14 @@ def _explained(comparison: Comparison) -> list[str]:
 def _differences(comparison: Comparison) -> list[str]:
     if comparison.reference is None:
         return ["No run of the reference method is among these: no differences are shown."]
-    told = [comparison.primary, *({AUC} & set(comparison.contrasted[1:]))]
+    told = [comparison.primary, *({AUC, AUC_OF_RETURN} & set(comparison.contrasted[1:]))]
     lines = [line for measure in told for line in _verdicts(comparison, measure)]
+    apart = [row["name"] for row in comparison.rows if row.get("difference_n") == 0]
+    if apart:
+        lines.append(
+            f"No seed is common to {comparison.reference_name} and {', '.join(apart)}: nothing is paired, and "
+            "P(improvement) takes their seeds as independent."
+        )
     if any(pd.notna(interval_of(row, "difference").low) for row in comparison.rows):
         lines.append("Each interval holds at 95% on its own; none is corrected for the number of comparisons.")
     return lines

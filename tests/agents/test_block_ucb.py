@@ -9,9 +9,10 @@ import pytest
 import torch
 
 from credit.agents.block_ucb import BlockUCB
-from credit.core.dataset import Dataset
 from credit.core.errors import UserError
-from credit.core.types import Problem, Windows
+from credit.core.policy import TablePolicy
+from credit.core.problem import Problem
+from credit.core.store import Store, Windows
 from credit.rivals.rules import Delayed
 
 Make = Callable[..., Problem]
@@ -21,18 +22,19 @@ def play(
     learner: BlockUCB, problem: Problem, blocks: int, label: Callable[[int], float], state: int = 0
 ) -> list[list[int]]:
     """The macro-actions [R][blocks] taken by a learner that always starts from one state and returns to it."""
-    dataset = Dataset(problem, blocks)
+    store = Store(problem)
     taken: list[list[int]] = [[] for _ in problem.seeds]
     states = torch.full((problem.replicas,), state)
     for _ in range(blocks):
-        actions = torch.stack([learner.act(states, t) for t in range(problem.window)], dim=1)
+        clock = torch.arange(problem.window).view(-1, 1, 1).expand(-1, problem.replicas, 1)
+        actions = torch.cat([learner.act(states.unsqueeze(1), step) for step in clock], dim=1)
         macros = [number(row, problem.actions) for row in actions.tolist()]
         for mine, macro in zip(taken, macros, strict=True):
             mine.append(macro)
         everywhere = states[:, None, None].expand(-1, 1, problem.window)
         labels = torch.tensor([[label(macro)] for macro in macros], dtype=torch.float64)
-        dataset.append(Windows(everywhere, actions[:, None], everywhere, labels))
-        learner.improve(dataset, Delayed())
+        store.append(Windows.of_grid(everywhere, actions[:, None], everywhere, labels))
+        learner.improve(store, Delayed())
     return taken
 
 
@@ -122,8 +124,9 @@ def test_the_policy_is_the_first_action(make_problem: Make) -> None:
     learner = started(problem, ties="lexicographic")
     play(learner, problem, 9, lambda macro: 9.0 if macro == 7 else 0.0)
     policy = learner.policies()["behaviour"]
-    assert policy.shape == (1, 10)
-    assert policy[0].tolist() == [2, 0, 0, 0, 0, 0, 0, 0, 0, 0]  # 7 = (2, 1); elsewhere nothing was tried
+    assert isinstance(policy, TablePolicy)
+    assert policy.actions.shape == (1, 10)
+    assert policy.actions[0].tolist() == [2, 0, 0, 0, 0, 0, 0, 0, 0, 0]  # 7 = (2, 1); elsewhere nothing was tried
 
 
 def test_a_window_too_long_is_refused(make_problem: Make) -> None:

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from copy import deepcopy
+from dataclasses import replace
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 import torch
-from credit.core.dataset import Dataset
-from credit.core.interfaces import CreditAssigner, FeatureMap
-from credit.core.tables import RewardFunction
-from credit.core.types import FLOAT, Problem, Recovery, Steps, Windows
 
 from credit.agents.dqn import DQN, targets
 from credit.core.errors import UserError
+from credit.core.policy import TablePolicy, tabulate
+from credit.core.problem import FLOAT, Problem
+from credit.core.seams import CreditAssigner, FeatureMap
+from credit.core.steps import Steps
+from credit.core.store import Episode, Store, Windows
 from credit.core.streams import generators
+from credit.data.replay import Replay
 from credit.networks.perceptron import ReplicaLinear
 from credit.rivals.rules import Delayed, Uniform
 
@@ -35,35 +39,50 @@ class OneHot(FeatureMap):
         return torch.nn.functional.one_hot(steps.states, self._states).to(FLOAT)
 
 
-class Changing(RewardFunction):
-    """An assigner that believes in another table [S·A] after every refit."""
+class Changing(CreditAssigner):
+    """A redistribution without a table that gives old steps other rewards after every refit: (s·A + a) times refits."""
+
+    learns = True
 
     def start(self, problem: Problem) -> None:
-        self._actions, self._count, self._size = problem.actions, 0, problem.pairs
+        self._actions, self._count = problem.actions, 0
 
-    def observe(self, dataset: Dataset) -> None:
+    def observe(self, store: Store) -> None:
         self._count += 1
-
-    def recovery(self) -> Recovery:
-        raise NotImplementedError
 
     def rewards(self, windows: Windows) -> torch.Tensor:
         return windows.pairs(self._actions).to(FLOAT) * self._count
 
 
+def episodic(problem: Problem) -> Problem:
+    return replace(problem, episodic=True)
+
+
 @pytest.fixture
 def problem(make_problem: Make) -> Problem:
-    return make_problem((3, 8, 5), states=STATES, actions=ACTIONS, window=WINDOW)
+    return episodic(make_problem((3, 8, 5), states=STATES, actions=ACTIONS, window=WINDOW))
+
+
+def greedy(learner: DQN) -> torch.Tensor:
+    """The best actions [R, T, S]."""
+    policy = learner.policies()["greedy"]
+    assert isinstance(policy, TablePolicy)
+    return policy.actions
+
+
+def acted(learner: DQN, states: torch.Tensor, step: int) -> torch.Tensor:
+    """One action of each replica [R] in states [R]."""
+    return learner.act(states.unsqueeze(1), torch.full((len(states), 1), step))[:, 0]
 
 
 def learned(problem: Problem, learner: DQN, pieces: list[Windows], rule: CreditAssigner) -> DQN:
-    dataset = Dataset(problem, 1)
+    store = Store(problem)
     learner.start(problem)
     rule.start(problem)
     for piece in pieces:
-        dataset.append(piece)
-        rule.observe(dataset)
-        learner.improve(dataset, rule)
+        store.append(piece)
+        rule.observe(store)
+        learner.improve(store, rule)
     return learner
 
 
@@ -158,17 +177,16 @@ def test_learning_equals_plain_loops(
     for replica, seed in enumerate(problem.seeds):
         plain = Plain(learner, before[replica], seed)
         for piece in pieces:
-            rewards = rule.rewards(piece)[replica].tolist()
+            columns = (piece.states, piece.actions, piece.next_states, rule.rewards(piece))
             for k in range(piece.labels.shape[1]):
-                parts = (piece.states, piece.actions, piece.next_states)
-                plain.remember(*(part[replica, k].tolist() for part in parts), rewards[k])
+                plain.remember(*(piece.grid(column)[replica, k].tolist() for column in columns))
             for _ in range(3 * piece.labels.shape[1]):
                 plain.fit()
         assert plain.steps == 21
         for found, expected in zip(layers(learner, replica), plain.net, strict=True):
             np.testing.assert_allclose(found, expected, atol=2e-5)
         moments = [[forward(plain.net, moment(s, t))[-1][0].argmax() for s in range(STATES)] for t in range(WINDOW)]
-        assert learner.policies()["greedy"][replica].tolist() == moments
+        assert greedy(learner)[replica].tolist() == moments
 
 
 def test_targets_by_hand() -> None:
@@ -185,17 +203,17 @@ def test_targets_by_hand() -> None:
 def test_a_replica_learns_and_acts_alone_as_in_a_batch(
     make_problem: Make, make_windows: MakeWindows, keys: dict[str, Any]
 ) -> None:
-    problem = make_problem(range(7), states=STATES, actions=ACTIONS, window=WINDOW)
+    problem = episodic(make_problem(range(7), states=STATES, actions=ACTIONS, window=WINDOW))
     windows = make_windows(problem, 12)
 
     def run(replicas: slice) -> list[torch.Tensor]:
-        part = make_problem(problem.seeds[replicas], states=STATES, actions=ACTIONS, window=WINDOW)
-        columns = (windows.states, windows.actions, windows.next_states, windows.labels)
-        mine = Windows(*(column[replicas] for column in columns))
+        part = replace(problem, seeds=problem.seeds[replicas])
+        columns = (column[replicas] for column in (windows.states, windows.actions, windows.next_states))
+        mine = Windows(*columns, labels=windows.labels[replicas], length=WINDOW)
         learner = learned(part, DQN(OneHot(), updates=4, learning_rate=0.01, **keys), [mine, mine], Delayed())
         states = torch.arange(7)[replicas] % STATES
-        acts = torch.stack([learner.act(states, step) for step in range(WINDOW)], dim=1)
-        return [*learner._online.parameters(), learner.executed(), acts]
+        acts = torch.stack([acted(learner, states, step) for step in range(WINDOW)], dim=1)
+        return [*learner._online.parameters(), greedy(learner), acts]
 
     together = run(slice(None))
     for replicas in (slice(0, 1), slice(6, 7), slice(2, 4), slice(1, 6)):
@@ -207,7 +225,7 @@ def test_a_replica_learns_and_acts_alone_as_in_a_batch(
 def test_random_numbers_come_from_streams_alone(problem: Problem, make_windows: MakeWindows) -> None:
     state = torch.get_rng_state()
     learner = learned(problem, DQN(OneHot(), **SMALL), [make_windows(problem, 2)], Delayed())
-    learner.act(torch.zeros(3, dtype=torch.int64), 0)
+    acted(learner, torch.zeros(3, dtype=torch.int64), 0)
     assert torch.equal(torch.get_rng_state(), state)
 
 
@@ -231,20 +249,36 @@ def test_recovered_rewards_are_replaced_wherever_they_are_stored(
 ) -> None:
     pieces = [make_windows(problem, count, seed=count) for count in (3, 4, 2)]
     learner = learned(problem, DQN(OneHot(), capacity=capacity, **SMALL), pieces, Changing())
-    for replica in range(3):
-        stored = learner._replay.buffer[:][:, replica]
-        belief = (stored["moment"] % STATES * ACTIONS + stored["action"]).double() * 3  # three refits
-        assert torch.equal(stored["reward"], belief)
-        assert torch.equal(stored["outcome"], belief.flip(-1).cumsum(-1).flip(-1))
-        pairs = torch.cat([piece.pairs(ACTIONS)[replica] for piece in pieces])[-capacity:]
-        found = stored["moment"] % STATES * ACTIONS + stored["action"]
-        assert sorted(found.tolist()) == sorted(pairs.tolist())
+    pairs = torch.cat([piece.pairs(ACTIONS) for piece in pieces], dim=1)
+    belief = 3.0 * pairs  # three refits
+    assert torch.equal(learner._replay.rewards, belief.to(FLOAT))
+    kept = min(9, capacity) * WINDOW
+    assert [learner._replay.span(r) for r in range(3)] == [(36 - kept, kept)] * 3
+    for batch in learner._replay.sample(50, 3):
+        assert torch.equal(batch.returns, 3.0 * (batch.observation * ACTIONS + batch.action).to(FLOAT))
+        for r in range(3):
+            assert set(batch.returns[r].tolist()) <= set(belief[r, 36 - kept :].tolist())
+
+
+def test_rewards_that_do_not_change_are_asked_for_once(problem: Problem, make_windows: MakeWindows) -> None:
+    class Counting(Delayed):
+        asked: ClassVar[list[int]] = []
+
+        def rewards(self, windows: Windows) -> torch.Tensor:
+            self.asked.append(windows.labels.shape[1])
+            return super().rewards(windows)
+
+    learner = learned(
+        problem, DQN(OneHot(), **SMALL), [make_windows(problem, count) for count in (3, 4, 2)], Counting()
+    )
+    assert Counting.asked == [3, 4, 2]
+    assert learner._replay.rewards.shape == (3, 36)
 
 
 def test_it_learns_a_chain_to_optimality(make_problem: Make) -> None:
     # Action 1 climbs, action 0 falls to the bottom. The top is worth 1 and is reached by climbing always; the bottom is
     # worth .3. Whoever cannot reach the top any more does best to end at the bottom.
-    problem = make_problem(range(4), states=4, actions=2, window=3)
+    problem = episodic(make_problem(range(4), states=4, actions=2, window=3))
     actions = torch.tensor([[k >> t & 1 for t in range(3)] for k in range(8)]).repeat(4, 5, 1)
     states, now = [], torch.zeros(4, 40, dtype=torch.int64)
     for t in range(3):
@@ -252,37 +286,156 @@ def test_it_learns_a_chain_to_optimality(make_problem: Make) -> None:
         now = torch.where(actions[..., t] == 1, now + 1, 0)
     path = torch.stack(states, dim=-1)
     labels = (now == 3).double() + 0.3 * (now == 0).double()
-    windows = Windows(path, actions, torch.cat([path[..., 1:], now.unsqueeze(-1)], dim=-1), labels)
+    windows = Windows.of_grid(path, actions, torch.cat([path[..., 1:], now.unsqueeze(-1)], dim=-1), labels)
     keys: dict[str, Any] = {"hidden": (32,), "batch": 32, "learning_rate": 0.005, "updates": 20, "target_sync": 20}
     learner = learned(problem, DQN(OneHot(), **keys), [windows], Delayed())
-    policy = learner.policies()["greedy"]
+    policy = greedy(learner)
     for replica in range(4):
         assert [int(policy[replica, t, t]) for t in range(3)] == [1, 1, 1]
         assert policy[replica, 2, :2].tolist() == [0, 0]
-    values = learner._online(learner._inputs.expand(4, -1, -1)).detach().view(4, 3, 4, 2)
+    values = learner._online(learner._view._inputs.expand(4, -1, -1)).detach().view(4, 3, 4, 2)
     torch.testing.assert_close(values[:, 0, 0], torch.tensor([[0.3, 1.0]]).expand(4, 2), atol=0.1, rtol=0)
 
 
 def test_exploration_falls_linearly_and_is_what_is_executed(make_problem: Make, make_windows: MakeWindows) -> None:
-    problem = make_problem(range(500), states=4, actions=3, window=2)
+    problem = episodic(make_problem(range(500), states=4, actions=3, window=2))
     learner = DQN(OneHot(), epsilon=0.8, epsilon_floor=0.2, epsilon_windows=4, hidden=(2,), batch=2)
-    dataset = Dataset(problem, 8)
+    store = Store(problem)
     learner.start(problem)
     states = torch.arange(500) % 4
     for seen, expected in ((0, 0.8), (1, 0.65), (2, 0.35), (1, 0.2), (3, 0.2)):
         if seen:
-            dataset.append(make_windows(problem, seen))
-            learner.improve(dataset, Delayed())
-        greedy, table = learner.policies()["behaviour"], learner.executed()
+            store.append(make_windows(problem, seen))
+            learner.improve(store, Delayed())
+        best, table = greedy(learner), tabulate(learner.executed(), problem)
+        assert table is not None
         assert table.shape == (500, 2, 4, 3)
         torch.testing.assert_close(table.sum(-1), torch.ones(500, 2, 4, dtype=FLOAT))
-        chosen = table.gather(-1, greedy.unsqueeze(-1)).unique()
+        chosen = table.gather(-1, best.unsqueeze(-1)).unique()
         assert chosen.tolist() == pytest.approx([1 - expected + expected / 3])
         assert table.unique().tolist() == pytest.approx([expected / 3, 1 - expected + expected / 3])
-        best = greedy[torch.arange(500), 1, states]
-        share = float(torch.stack([learner.act(states, 1) == best for _ in range(4)]).double().mean())
+        best = best[torch.arange(500), 1, states]
+        share = float(torch.stack([acted(learner, states, 1) == best for _ in range(4)]).double().mean())
         assert abs(share - (1 - expected * 2 / 3)) < 5 * 0.5 / 2000**0.5
-    assert torch.equal(learner.policies()["behaviour"], learner.policies()["greedy"])
+    assert learner.policies()["behaviour"] is learner.policies()["greedy"]
+
+
+def vectors(seeds: tuple[int, ...], actions: int = 2, window: int = 5) -> Problem:
+    """Two numbers in a state, finite actions."""
+    there = Problem.vectors(2, 1, window, seeds)
+    return replace(there, action_space=Problem.finite(1, actions, window, seeds).action_space)
+
+
+def walks(problem: Problem, count: int, seed: int = 0) -> Windows:
+    """Episodes of at most T steps on a line, action 1 up, 0 down. The label is where one ended; the top ends it."""
+    generator = torch.Generator().manual_seed(seed)
+    episodes, labels = [], []
+    for _ in problem.seeds:
+        own, ends = [], []
+        for _ in range(count):
+            place, path, moves = 0.0, [0.0], []
+            while len(moves) < problem.window and place < 0.5:
+                moves.append(int(torch.randint(2, (1,), generator=generator)))
+                place += 0.2 * (2 * moves[-1] - 1)
+                path.append(place)
+            states = torch.tensor(path).unsqueeze(1) * torch.tensor([[1.0, -1.0]])
+            own.append(Episode(states[:-1], torch.tensor(moves), states[1:], place >= 0.5))
+            ends.append(place)
+        episodes.append(own)
+        labels.append(ends)
+    return Windows.of_episodes(episodes, torch.tensor(labels, dtype=FLOAT))
+
+
+def test_it_learns_from_vectors() -> None:
+    """States are vectors, episodes end early or are cut short: stepping up is best everywhere."""
+    problem = vectors((0, 1))
+    learner = DQN(learning_rate=0.005, hidden=(32,), batch=64, updates=5, target_sync=20)
+    learned(problem, learner, [walks(problem, 60, seed) for seed in range(3)], Delayed())
+    policy = learner.policies()["greedy"]
+    for step, places in ((1, [-0.2]), (2, [-0.4, 0.0]), (3, [-0.2, 0.2]), (4, [-0.4, 0.0, 0.4])):  # no ties
+        states = torch.tensor(places).unsqueeze(1) * torch.tensor([[1.0, -1.0]])
+        chosen = policy.act(states.expand(2, -1, -1), torch.full((2, len(places)), step))
+        assert (chosen == 1).all(), (step, chosen)
+        table = policy.probabilities(states, step)
+        assert table is not None
+        assert torch.equal(table, torch.nn.functional.one_hot(chosen, 2).to(FLOAT))
+    explored = learner.executed().probabilities(states, 0)
+    assert explored is not None
+    torch.testing.assert_close(explored.sum(-1), torch.ones(2, len(states), dtype=FLOAT))
+    assert explored.max() < 1
+
+
+def test_one_step_on_vectors_by_hand() -> None:
+    """The target where an episode ended is r, where it was cut short r + γ·Q⁻: one update against autograd."""
+    problem = vectors((0,), window=2)
+    ends = [
+        Episode(torch.tensor([[0.3, -0.1]]), torch.tensor([k]), torch.tensor([[0.5, 0.2]]), bool(k)) for k in (0, 1)
+    ]
+    windows = Windows.of_episodes([ends], torch.tensor([[2.0, 3.0]], dtype=FLOAT))
+    learner = DQN(hidden=(3,), batch=40, updates=1, discount=0.5, learning_rate=0.1, target_sync=1000)
+    learner.start(problem)
+    net = deepcopy(learner._online)
+    store = Store(problem)
+    store.append(windows)
+    draws = torch.from_numpy(np.stack([generators((0,), "replay")[0].random((2, 40))])[0] * 2).long()
+    ahead = net(torch.tensor([[[0.5, 0.2, 0.5]]])).detach().max()
+    goals = torch.stack([2.0 + 0.5 * ahead, torch.tensor(3.0)])
+    adam = torch.optim.Adam(net.parameters(), lr=0.1)
+    first = net(torch.tensor([[[0.3, -0.1, 0.0]]]))[0, 0]
+    adam.zero_grad()
+    (first[draws[0]] - goals[draws[0]]).square().mean().backward()
+    adam.step()
+    learner._fit(_relabelled(learner, store).sample(40, 2)[0])
+    for ours, theirs in zip(learner._online.parameters(), net.parameters(), strict=True):
+        torch.testing.assert_close(ours, theirs)
+        torch.testing.assert_close(ours.grad, theirs.grad)  # Adam's first step hardly depends on its size
+
+
+def _relabelled(learner: DQN, store: Store) -> Replay:
+    learner._replay.update(store, Delayed())
+    return learner._replay
+
+
+def test_a_state_goes_on_to_the_bit(problem: Problem, make_windows: MakeWindows) -> None:
+    for task, pieces, keys in (
+        (problem, [make_windows(problem, 3, seed) for seed in range(2)], {"features": OneHot()}),
+        (vectors((0, 1)), [walks(vectors((0, 1)), 4, seed) for seed in range(2)], {}),
+    ):
+        one, store = DQN(**keys, **SMALL), Store(task)
+        one.start(task)
+        store.append(pieces[0])
+        one.improve(store, Delayed())
+        other, again = DQN(**keys, **SMALL), Store(task)
+        other.start(task)
+        other.load_state_dict(one.state_dict())
+        again.load_state_dict(store.state_dict())
+        sight = torch.arange(STATES).expand(3, -1) if task.finite_states else torch.randn(2, STATES, 2)
+        for step in range(task.window):  # before it learns again, too
+            acts = [each.policies()["greedy"].act(sight, torch.full(sight.shape[:2], step)) for each in (one, other)]
+            assert torch.equal(*acts)
+        for each, memory in ((one, store), (other, again)):
+            memory.append(pieces[1])
+            each.improve(memory, Delayed())
+        assert all(torch.equal(a, b) for a, b in zip(one._online.parameters(), other._online.parameters(), strict=True))
+        now = torch.zeros(len(task.seeds), 1, dtype=torch.int64)
+        states = now if task.finite_states else torch.zeros(len(task.seeds), 1, 2)
+        for _ in range(5):
+            assert torch.equal(one.act(states, now), other.act(states, now))
+
+
+def test_without_features_a_number_is_seen_one_hot(problem: Problem, make_windows: MakeWindows) -> None:
+    pieces = [make_windows(problem, 4)]
+    plain, given = (learned(problem, DQN(features, **SMALL), pieces, Delayed()) for features in (None, OneHot()))
+    assert torch.equal(greedy(plain), greedy(given))
+    assert all(torch.equal(*pair) for pair in zip(plain._online.parameters(), given._online.parameters(), strict=True))
+
+
+def test_copies_explore_each_for_itself(problem: Problem) -> None:
+    learner = DQN(OneHot(), epsilon=1.0, **SMALL)
+    learner.start(problem)
+    actions = learner.act(torch.zeros(3, 400, dtype=torch.int64), torch.zeros(3, 400, dtype=torch.int64))
+    shares = torch.stack([row.bincount(minlength=3) for row in actions]) / 400
+    assert (shares - 1 / 3).abs().max() < 5 * (2 / 9 / 400) ** 0.5
 
 
 @pytest.mark.parametrize(
@@ -296,8 +449,7 @@ def test_exploration_falls_linearly_and_is_what_is_executed(make_problem: Make, 
         ("optimizer.batch=0", ["optimizer.batch=0", "≥ 1"]),
         ("optimizer.epsilon_windows=0", ["optimizer.epsilon_windows=0", "≥ 1"]),
         ("optimizer.epsilon=.01", ["optimizer.epsilon_floor=0.05", "optimizer.epsilon=0.01"]),
-        ("optimizer.features=null", ["optimizer.features=null", "FeatureMap"]),
-        ("experiment=advertiser", ["DQN works on episodic environments only", "continuing Advertiser"]),
+        ("experiment=advertiser", ["DQN needs a task that is episodic", "continuing"]),
     ],
 )
 def test_bad_input(composed: Callable[..., dict[str, Any]], override: str, words: list[str]) -> None:

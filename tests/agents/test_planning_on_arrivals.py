@@ -14,16 +14,16 @@ import torch
 from credit.agents.finite_horizon import FiniteHorizon
 from credit.agents.value_iteration import ValueIteration
 from credit.core.cells import Axis, Cells
-from credit.core.dataset import Dataset
 from credit.core.errors import UserError
-from credit.core.interfaces import Optimizer
-from credit.core.tables import RewardFunction, TransitionModel
-from credit.core.types import FLOAT, Problem, Recovery, Windows
+from credit.core.policy import TablePolicy
+from credit.core.problem import FLOAT, Problem
+from credit.core.seams import Agent, CreditAssigner, Transition
+from credit.core.store import Store, Windows
 from credit.planning.counts import Counts, ObservedCounts
 from credit.recovery.features.tabular import Identity
 from credit.recovery.mixers import ReferenceOnly
 from credit.recovery.models.linear import LinearModel
-from credit.recovery.recovery import RewardRecovery
+from credit.recovery.recovery import Recovery
 from credit.recovery.uncertainty.bootstrap import Bootstrap
 
 Make = Callable[..., Problem]
@@ -39,19 +39,18 @@ KINDS: list[tuple[Axis, ...]] = [
 ]
 
 
-class Believed(RewardFunction):
-    """An assigner that believes in given tables [R, N]."""
+class Believed(CreditAssigner):
+    """An assigner that has given tables [R, N]."""
 
     def __init__(self, mixed: torch.Tensor, plan: torch.Tensor, cells: Cells) -> None:
-        none = mixed.unsqueeze(1)[:, :0]
-        self._recovery = Recovery((), none, (), none, none, none, mixed.long(), mixed, {}, plan, mixed, cells)
+        self._table = cells, plan, mixed
 
     def start(self, problem: Problem) -> None: ...
 
-    def observe(self, dataset: Dataset) -> None: ...
+    def observe(self, store: Store) -> None: ...
 
-    def recovery(self) -> Recovery:
-        return self._recovery
+    def table(self) -> tuple[Cells, torch.Tensor, torch.Tensor]:
+        return self._table
 
     def rewards(self, windows: Windows) -> torch.Tensor:
         raise NotImplementedError
@@ -62,12 +61,17 @@ def problem_of(make_problem: Make, episodic: bool) -> Problem:
     return replace(problem, episodic=episodic)
 
 
-def planned(optimizer: Optimizer, problem: Problem, windows: Windows, believed: RewardFunction) -> Optimizer:
-    dataset = Dataset(problem, 1)
-    dataset.append(windows)
+def planned(optimizer: Agent, problem: Problem, windows: Windows, believed: Believed) -> Agent:
+    store = Store(problem)
+    store.append(windows)
     optimizer.start(problem)
-    optimizer.improve(dataset, believed)
+    optimizer.improve(store, believed)
     return optimizer
+
+
+def followed(optimizer: Agent) -> dict[str, torch.Tensor]:
+    """The policies as tables."""
+    return {name: policy.actions for name, policy in optimizer.policies().items() if isinstance(policy, TablePolicy)}
 
 
 def tables(problem: Problem, axes: tuple[Axis, ...]) -> tuple[Cells, torch.Tensor, torch.Tensor]:
@@ -109,7 +113,7 @@ def expected(transition: np.ndarray, table: np.ndarray, axes: tuple[Axis, ...], 
 def test_plans_in_episodes(
     make_problem: Make,
     make_windows: Callable[..., Windows],
-    transition: TransitionModel,
+    transition: Transition,
     axes: tuple[Axis, ...],
     seen: int,
 ) -> None:
@@ -117,7 +121,7 @@ def test_plans_in_episodes(
     windows = make_windows(problem, seen)
     cells, mixed, plan = tables(problem, axes)
     optimizer = planned(FiniteHorizon(transition), problem, windows, Believed(mixed, plan, cells))
-    policies = optimizer.policies()
+    policies = followed(optimizer)
     for replica in range(3):
         counts = counted(windows, replica)
         if isinstance(transition, Counts) and transition.pseudo_counts:
@@ -141,7 +145,7 @@ def test_plans_without_end(make_problem: Make, make_windows: Callable[..., Windo
     windows = make_windows(problem, 12)
     cells, mixed, plan = tables(problem, axes)
     optimizer = planned(ValueIteration(Counts("self_loop"), discount), problem, windows, Believed(mixed, plan, cells))
-    policies = optimizer.policies()
+    policies = followed(optimizer)
     for replica in range(3):
         counts = counted(windows, replica)
         counts[np.arange(STATES), :, np.arange(STATES)] += 1
@@ -157,26 +161,27 @@ def test_plans_without_end(make_problem: Make, make_windows: Callable[..., Windo
     assert not torch.equal(policies["behaviour"], policies["greedy"])
 
 
-def recovery_over(axes: tuple[Axis, ...], **parameters: Any) -> RewardRecovery:
-    model = LinearModel("ridge", Identity(axes), 0.1, **parameters)
-    return RewardRecovery(model, {}, Bootstrap(3), ReferenceOnly(), {})
+def recovery_over(axes: tuple[Axis, ...], **parameters: Any) -> Recovery:
+    model = LinearModel("ridge", Identity(axes), Bootstrap(3), 0.1, **parameters)
+    return Recovery(model, {}, ReferenceOnly(), {})
 
 
 def test_the_average_reward_of_arrivals(make_problem: Make, make_windows: Callable[..., Windows]) -> None:
     # What is learned from labels, planned for the average reward: π is compared with all 3⁵ policies.
     problem = problem_of(make_problem, episodic=False)
     recovery, optimizer = recovery_over(("next_state",)), ValueIteration(Counts())
-    dataset = Dataset(problem, 1)
-    dataset.append(make_windows(problem, 40))
+    store = Store(problem)
+    store.append(make_windows(problem, 40))
     for part in (recovery, optimizer):
         part.start(problem)
-    recovery.observe(dataset)
-    optimizer.improve(dataset, recovery)
+    recovery.observe(store)
+    optimizer.improve(store, recovery)
     for replica in range(3):
-        x = np.stack([np.bincount(row, minlength=STATES) for row in dataset.windows.next_states[replica].numpy()])
-        y = dataset.windows.labels[replica].numpy()
+        rows = store.windows.grid(store.windows.next_states)[replica].numpy()
+        x = np.stack([np.bincount(row, minlength=STATES) for row in rows])
+        y = store.windows.labels[replica].numpy()
         table = np.linalg.solve(x.T @ x + 0.1 * np.eye(STATES), x.T @ y)
-        counts = counted(dataset.windows, replica)
+        counts = counted(store.windows, replica)
         for s, move in product(range(STATES), (-1, 0, 1)):
             counts[s, :, min(max(s + move, 0), STATES - 1)] += 1 / 3
         model = counts / counts.sum(-1, keepdims=True)
@@ -185,7 +190,7 @@ def test_the_average_reward_of_arrivals(make_problem: Make, make_windows: Callab
             chain = model[np.arange(STATES), policy]
             stationary = np.linalg.matrix_power(chain, 1024)[0]
             gains[policy] = float(stationary @ table)
-        mine = tuple(optimizer.policies()["behaviour"][replica].tolist())
+        mine = tuple(followed(optimizer)["behaviour"][replica].tolist())
         assert gains[mine] == pytest.approx(max(gains.values()), abs=1e-9)
         assert max(gains.values()) > min(gains.values()) + 0.01
 

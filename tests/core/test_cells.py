@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations, product
 
 import pytest
 import torch
 
 from credit.core import cells as module
-from credit.core.cells import ORDER, PAIRS, Axis, Cells, Steps
+from credit.core.cells import ORDER, PAIRS, Axis, Cells
 from credit.core.errors import UserError
-from credit.core.types import FLOAT, Problem
+from credit.core.problem import FLOAT, Problem
+from credit.core.steps import Steps
+from credit.core.store import Windows
 
 CPU = torch.device("cpu")
 WINDOW, STATES, ACTIONS = 3, 4, 2
@@ -54,12 +57,20 @@ def test_cells_are_numbered_row_by_row(axes: tuple[Axis, ...]) -> None:
 def test_the_cell_of_every_step_of_a_window(axes: tuple[Axis, ...]) -> None:
     generator = torch.Generator().manual_seed(0)
     states, actions, arrivals = (torch.randint(n, (2, 5, WINDOW), generator=generator) for n in (STATES, ACTIONS, 4))
-    index = over(axes).index(Steps(states, actions, arrivals))
+    windows = Windows.of_grid(states, actions, arrivals, torch.zeros(2, 5, dtype=FLOAT))
+    index = windows.grid(over(axes).index(windows))
     assert index.shape == (2, 5, WINDOW)
     for replica, window, step in product(range(2), range(5), range(WINDOW)):
         at = replica, window, step
         taken = {"step": step, "state": states[at], "action": actions[at], "next_state": arrivals[at]}
         assert rows(axes)[index[at]] == {axis: int(taken[axis]) for axis in axes}
+
+
+def test_steps_that_know_their_place_in_the_episode_are_counted_by_it() -> None:
+    zeros = torch.zeros(1, 4, dtype=torch.int64)
+    labels, last = torch.zeros(1, 2, dtype=FLOAT), torch.tensor([[0, 3]])
+    windows = Windows(zeros, zeros, zeros + 1, step=torch.tensor([[2, 0, 1, 2]]), labels=labels, last=last)
+    assert over(("step", "next_state")).index(windows).tolist() == [[9, 1, 5, 9]]  # 4·t + 1, of the episode
 
 
 @pytest.mark.parametrize("axes", ALLOWED, ids="-".join)
@@ -108,6 +119,13 @@ def test_too_many_cells_are_refused() -> None:
 
 
 def test_a_problem_has_the_cells_of_its_axes() -> None:
-    problem = Problem(STATES, ACTIONS, WINDOW, (0,), CPU, axes=("next_state", "step"))
-    assert problem.cells == over(("step", "next_state"))
-    assert Problem(STATES, ACTIONS, WINDOW, (0,), CPU).cells == over(PAIRS)
+    problem = Problem.finite(STATES, ACTIONS, WINDOW, (0,))
+    assert problem.cells == over(PAIRS)
+    assert replace(problem, axes=("next_state", "step")).cells == over(("step", "next_state"))
+
+
+def test_steps_that_do_not_know_their_place_have_cells_without_it() -> None:
+    steps = Steps(torch.tensor([3, 1]), torch.tensor([1, 0]), torch.tensor([0, 2]))
+    assert over(PAIRS).index(steps).tolist() == [7, 2]
+    with pytest.raises(ValueError, match=r"do not say where in the episode they are.*give `step`"):
+        over(("step", *PAIRS)).index(steps)

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 import torch
 
+from credit.core.problem import Problem
 from credit.core.streams import Stream, generators
-from credit.core.types import Problem
 
 
 def rows(problem: Problem, purpose: str, kind: Any, width: int, count: int) -> torch.Tensor:

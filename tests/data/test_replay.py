@@ -15,7 +15,8 @@ from credit.core.problem import Problem
 from credit.core.seams import CreditAssigner
 from credit.core.store import Store, Windows
 from credit.core.streams import generators
-from credit.data.replay import Replay, preferred
+from credit.data.preferred import preferred
+from credit.data.replay import Replay
 
 Make = Callable[..., Problem]
 MakeRagged = Callable[..., Windows]
@@ -267,6 +268,13 @@ def test_a_state_draws_on_and_asks_for_all_rewards_anew(make_trajectories: MakeR
         each.append(pieces[1])
         memory.update(each, asked)
     assert other.asked == [len(again.windows)]
+    again.append(pieces[0])
+    resumed.load_state_dict(replay.state_dict())  # what was known before is not trusted
+    resumed.update(again, other)
+    assert other.asked[-1] == len(again.windows)
+    store.append(pieces[0])
+    replay.update(store, told)
+    assert told.asked[-1] == len(pieces[0])
     for ours, theirs in zip(replay.sample(9, 2), resumed.sample(9, 2), strict=True):
         assert all(a is b is None or torch.equal(a, b) for a, b in zip(ours, theirs, strict=True))
 

@@ -162,6 +162,25 @@ def test_rank_correlation_against_scipy() -> None:
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
+def test_rank_correlation_shares_ranks_among_ties_as_scipy_does() -> None:
+    # two disjoint spikes in 1,000 cells have nothing in common
+    first, second = torch.zeros(2, 1000, dtype=torch.float64)
+    first[3], second[700] = 1, 1
+    assert rank_correlation(first, second).item() == pytest.approx(-1 / 999)
+    rng = np.random.default_rng(1)
+    few = rng.integers(0, 4, size=(2, 6, 200))
+    expected = [scipy.stats.spearmanr(a, b).statistic for a, b in zip(*few, strict=True)]
+    np.testing.assert_allclose(rank_correlation(*torch.from_numpy(few.astype(float))), expected, atol=1e-12)
+
+
+def test_rank_correlation_does_not_depend_on_the_order_of_cells() -> None:
+    rng = np.random.default_rng(2)
+    first, second = torch.from_numpy(rng.integers(0, 3, size=(2, 50)).astype(float))
+    order = torch.from_numpy(rng.permutation(50))
+    torch.testing.assert_close(rank_correlation(first, second), rank_correlation(first[order], second[order]))
+
+
+@pytest.mark.filterwarnings("error")
 def test_rank_correlation_of_a_constant_is_not_defined() -> None:
     assert rank_correlation(tensor([[1, 1, 1]]), tensor([[1, 2, 3]])).isnan().all()
     assert rank_correlation(tensor([[1, 2, 3]]), tensor([[0, 0, 0]])).isnan().all()

@@ -19,6 +19,7 @@ from credit.recovery.mixers import (
     RelativeMSE,
     Uniform,
     best_model,
+    best_weights,
     median,
     mix,
     relative_mse_weights,
@@ -94,6 +95,53 @@ def test_weights_do_not_depend_on_the_unit(mse: np.ndarray, unit: float) -> None
 def test_weights_equal_the_second_implementation(mse: np.ndarray) -> None:
     expected = naive.weights({str(j): row for j, row in enumerate(mse)}, alpha=0.7)
     np.testing.assert_allclose(relative_mse_weights(torch.from_numpy(mse), 0.7), np.stack(list(expected.values())))
+
+
+def test_at_alpha_zero_the_best_model_has_all_the_weight() -> None:
+    mse = tensor([[0.04, 0.01, 0.02, 0.0], [0.01, 0.02, 0.02, 0.0], [0.02, 0.04, 0.05, 0.0]])
+    assert torch.equal(relative_mse_weights(mse, 0.0), best_weights(mse))
+    assert best_weights(mse).tolist() == [[0, 1, 1, 1], [1, 0, 0, 0], [0, 0, 0, 0]]  # on ties the reference
+    with pytest.raises(ValueError, match=r"alpha=-0\.5: must be at least 0"):
+        relative_mse_weights(mse, -0.5)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("alpha", [1e-30, 1e-45, 1e-320, 5e-324])
+def test_however_small_alpha_is_weights_are_numbers(alpha: float, dtype: torch.dtype) -> None:
+    mse = tensor([[0.04, 0.01, 0.0], [0.01, 0.02, 1e-9], [0.02, 0.04, 0.0]]).to(dtype)
+    expected = tensor([[0, 1, 0.5], [1, 0, 0], [0, 0, 0.5]]).to(dtype)  # the limit where two are the best
+    torch.testing.assert_close(relative_mse_weights(mse, alpha), expected)
+
+
+def test_a_model_of_infinite_error_has_no_weight() -> None:
+    inf = math.inf
+    mse = tensor([[0.04, inf, inf, inf], [0.01, 0.03, inf, 5.0], [0.02, 0.01, inf, inf]])
+    found = relative_mse_weights(mse, 0.25)
+    assert torch.equal(found[:, 0], relative_mse_weights(mse[:, :1], 0.25)[:, 0])  # where none is
+    torch.testing.assert_close(found[1:, 1:2], relative_mse_weights(mse[1:, 1:2], 0.25))  # as if it were not there
+    assert found[0, 1] == 0
+    torch.testing.assert_close(found[:, 2], torch.full((3,), 1 / 3, dtype=torch.float64))
+    assert found[:, 3].tolist() == [0, 1, 0]
+    assert relative_mse_weights(mse, 0.0)[:, 3].tolist() == [0, 1, 0]
+
+
+@given(Proxies, st.integers(0, 5), st.sampled_from([0.01, 0.5, 1e300]))
+def test_a_model_of_infinite_error_changes_nothing_among_the_others(mse: np.ndarray, place: int, alpha: float) -> None:
+    place = min(place, len(mse))
+    more = np.insert(mse, place, np.inf, axis=0)
+    found = relative_mse_weights(torch.from_numpy(more), alpha).numpy()
+    assert (found[place] == 0).all()
+    expected = relative_mse_weights(torch.from_numpy(mse), alpha)
+    np.testing.assert_allclose(np.delete(found, place, 0), expected, rtol=1e-9, atol=1e-15)
+
+
+def test_shapes_that_do_not_fit_are_refused() -> None:
+    mse = tensor([[0.04, 0.01], [0.01, 0.02], [0.02, 0.04]])
+    for equation in (best_model, median, best_weights, lambda x: relative_mse_weights(x, 0.5)):
+        with pytest.raises(ValueError, match=r"\[2\]; they must be \w+ \[..., M, N\]"):
+            equation(mse[0])
+    with pytest.raises(ValueError, match=r"weights \[3, 1\], predictions \[3, 2\]"):
+        mix(mse[:, :1], mse)
 
 
 def test_leading_dimensions_are_independent_problems() -> None:

@@ -31,10 +31,11 @@ def rewards(dtype: torch.dtype = torch.float64) -> torch.Tensor:
 def test_recipes(name: str, clip: float, quantile: float | None, dtype: torch.dtype) -> None:
     values = rewards(dtype)
     before = values.clone()
-    found = recipe(name)(values)
+    found, unit = recipe(name)(values)
     assert torch.equal(values, before)
-    assert found.dtype == dtype
+    assert found.dtype == unit.dtype == dtype
     x = values.double().numpy()
+    np.testing.assert_allclose(unit, x.std(), rtol=1e-4 if dtype == torch.float32 else 1e-12)
     x = x / x.std()
     x = np.clip(x, np.median(x) - clip, np.median(x) + clip)
     if quantile is not None:
@@ -44,7 +45,7 @@ def test_recipes(name: str, clip: float, quantile: float | None, dtype: torch.dt
 
 def test_the_best_steps_are_worth_zero_and_no_step_more() -> None:
     values = rewards()
-    found = Standard(clip=3.0, quantile=0.9)(values)
+    found, _ = Standard(clip=3.0, quantile=0.9)(values)
     assert found.max() == 0
     assert (found == 0).double().mean() == pytest.approx(0.1, abs=0.01)
     assert found.max() - found.min() <= 6
@@ -55,16 +56,28 @@ def test_the_best_steps_are_worth_zero_and_no_step_more() -> None:
 @pytest.mark.parametrize("name", ["stable", "plain"])
 @pytest.mark.parametrize("scale", [1e-4, 1.0, 1e4])
 def test_the_unit_of_the_reward_does_not_matter(name: str, scale: float) -> None:
-    torch.testing.assert_close(recipe(name)(rewards() * scale), recipe(name)(rewards()))
+    scaled, unit = recipe(name)(rewards() * scale)
+    plain, one = recipe(name)(rewards())
+    torch.testing.assert_close(scaled, plain)
+    torch.testing.assert_close(unit, scale * one)
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("value", [0.0, 0.1, -7.3])
 def test_constant_rewards_are_not_divided(value: float, dtype: torch.dtype) -> None:
     constant = torch.full((1001,), value, dtype=dtype)
-    assert torch.equal(recipe("stable")(constant), torch.zeros(1001, dtype=dtype))
-    torch.testing.assert_close(recipe("plain")(constant), constant)
+    stable, plain = recipe("stable")(constant), recipe("plain")(constant)
+    assert torch.equal(stable[0], torch.zeros(1001, dtype=dtype))
+    torch.testing.assert_close(plain[0], constant)
+    assert stable[1] == plain[1] == 1
 
 
 def test_no_rewards() -> None:
-    assert recipe("stable")(torch.zeros(0)).shape == (0,)
+    found, unit = recipe("stable")(torch.zeros(0))
+    assert found.shape == (0,)
+    assert unit == 1
+
+
+def test_the_rewards_of_several_replicas_are_not_scaled_together() -> None:
+    with pytest.raises(ValueError, match=r"one replica.*\[2, 5\]"):
+        recipe("stable")(torch.zeros(2, 5))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,14 +11,16 @@ import pytest
 import torch
 from scipy.optimize import minimize
 
+from credit.core.belief import Estimate
 from credit.core.cells import Axis
-from credit.core.dataset import Dataset
-from credit.core.tables import CellModel
-from credit.core.types import FLOAT, Estimate, Problem, Windows
+from credit.core.problem import FLOAT, Problem
+from credit.core.store import Store, Windows
 from credit.recovery.features.tabular import Bilinear, Identity, Threshold
 from credit.recovery.mixers import Stacking, stacked_weights
 from credit.recovery.models.linear import LinearModel
 from credit.recovery.uncertainty.bootstrap import Analytic, Bootstrap
+
+from .fits import Experience
 
 Make = Callable[..., Problem]
 MakeWindows = Callable[..., Windows]
@@ -87,28 +90,54 @@ def test_leading_dimensions_are_independent_problems() -> None:
 def test_every_cell_has_the_same_weights_whatever_the_proxies_are() -> None:
     errors = torch.from_numpy(np.stack([products(3, seed) for seed in range(2)]))
     mse = torch.rand(2, 3, 7, dtype=FLOAT, generator=torch.Generator().manual_seed(0))
-    weights = Stacking().weights(mse, errors)
+    weights = Stacking(0.5).weights(mse, errors)
     assert weights.shape == (2, 3, 7)
-    assert torch.equal(weights, stacked_weights(errors).unsqueeze(-1).repeat(1, 1, 7))
+    expected = stacked_weights(errors + 0.5 * torch.eye(3, dtype=FLOAT))
+    assert torch.equal(weights, expected.unsqueeze(-1).repeat(1, 1, 7))
+    assert Stacking(0.5).weights(mse.float(), errors).dtype == torch.float32
+    with pytest.raises(ValueError, match=r"mse \[2, 2, 7\], label_errors \[2, 3, 3\]"):
+        Stacking().weights(mse[:, 1:], errors)
+    with pytest.raises(ValueError, match=r"errors \[3, 2\]; they must be errors \[..., M, M\]"):
+        stacked_weights(errors[0, :, :2])
 
 
-class Spy(CellModel):
-    """Remembers the weights that it is shown."""
+def test_the_prior_counts_as_so_many_labels() -> None:
+    # Of 10 labels of deviation 1 the first model misses each by 1, the second none: G = diag(10 + τ, τ), and the
+    # weights are as 1/(10 + τ) to 1/τ.
+    errors, mse = torch.tensor([[10.0, 0], [0, 0]], dtype=FLOAT), torch.zeros(2, 1, dtype=FLOAT)
+    for prior in (0.1, 1.0, 30.0):
+        first = prior / (10 + 2 * prior)
+        expected = torch.tensor([[first], [1 - first]], dtype=FLOAT)
+        torch.testing.assert_close(Stacking(prior).weights(mse, errors), expected)
 
-    def __init__(self) -> None:
-        self.name = "spy"
-        self.shown: list[torch.Tensor] = []
 
-    def start(self, problem: Problem, draws: int) -> None: ...
+def test_without_labels_all_weights_are_equal_however_small_the_prior_is() -> None:
+    mse = torch.zeros(4, 3, dtype=FLOAT)
+    for prior in (1e-300, 1e-3, 1e3):
+        found = Stacking(prior).weights(mse, torch.zeros(4, 4, dtype=FLOAT))
+        torch.testing.assert_close(found, torch.full((4, 3), 0.25, dtype=FLOAT))
 
-    def observe(self, windows: Windows, weights: torch.Tensor) -> None:
-        self.shown.append(weights)
 
-    def refit(self, windows: Windows, weights: torch.Tensor) -> None:
-        self.shown = [weights]
+@pytest.mark.parametrize("unit", [1e-4, 1e4])
+def test_the_unit_of_the_labels_does_not_matter(make_problem: Make, make_windows: MakeWindows, unit: float) -> None:
+    problem, found = make_problem((5, 6)), []
+    for scale in (1.0, unit):
+        bootstrap = Bootstrap(5)
+        models = [LinearModel(name, features, bootstrap) for name, features in (("r", Identity()), ("l", Bilinear()))]
+        windows = make_windows(problem, 30)
+        experience = Experience(problem, *models).see(replace(windows, labels=scale * windows.labels))
+        index = problem.cells.index(experience.store.windows)
+        errors = bootstrap.label_errors([model.estimate() for model in models], experience.store, index)
+        found.append(Stacking().weights(problem.zeros(2, 1), errors))
+    torch.testing.assert_close(*found, rtol=1e-6, atol=1e-9)
+    assert (found[0] - 0.5).abs().max() > 0.1
 
-    def estimate(self) -> Estimate:
-        raise NotImplementedError
+
+def test_matrices_that_are_all_but_singular_have_weights() -> None:
+    # two models that err alike by a thousand million deviations
+    errors = 1e18 * torch.tensor([[1, 1, 1], [1, 1, 1], [1, 1, 4]], dtype=FLOAT)
+    found = Stacking().weights(torch.zeros(3, 1, dtype=FLOAT), errors)[:, 0]
+    torch.testing.assert_close(found, torch.tensor([0.5, 0.5, 0], dtype=FLOAT), atol=1e-3, rtol=0)
 
 
 ARRIVALS: tuple[Axis, ...] = ("step", "next_state")
@@ -119,31 +148,29 @@ ARRIVALS: tuple[Axis, ...] = ("step", "next_state")
 def test_errors_out_of_bag_against_loops(
     make_problem: Make, make_windows: MakeWindows, resample: Any, axes: tuple[Axis, ...]
 ) -> None:
-    plain = make_problem((5, 6))
-    problem = Problem(10, 3, 7, plain.seeds, plain.device, episodic=True, axes=axes)
+    problem = replace(make_problem((5, 6)), episodic=True, axes=axes)
+    bootstrap, draws = Bootstrap(3, resample=resample), 3
     if axes == ARRIVALS:
         models = [
-            LinearModel(str(axes), Identity(axes)),
-            LinearModel("last", Identity(("next_state",)), 1, "last_step"),
+            LinearModel(str(axes), Identity(axes), bootstrap),
+            LinearModel("last", Identity(("next_state",)), bootstrap, 1, "last_step"),
         ]
     else:
         models = [
-            LinearModel("ridge", Identity()),
-            LinearModel("linear", Bilinear()),
-            LinearModel("cells", Threshold()),
+            LinearModel("ridge", Identity(), bootstrap),
+            LinearModel("linear", Bilinear(), bootstrap),
+            LinearModel("cells", Threshold(), bootstrap),
         ]
-    bootstrap, dataset, spy, draws = Bootstrap(3, resample=resample), Dataset(problem, 2), Spy(), 3
-    bootstrap.start(problem)
-    for model in models:
-        model.start(problem, draws)
-    for count in (1, 5, 18):  # the windows of every round are remembered
-        dataset.append(make_windows(problem, count, seed=count))
-        bootstrap.observe([*models, spy], dataset)
-    estimates, windows = [model.estimate() for model in models], dataset.windows
-    found = bootstrap.label_errors(estimates, dataset, problem.cells.index(dataset.windows))
+    experience, shown = Experience(problem, *models), []
+    for count in (1, 5, 0, 18):  # the windows of every round are remembered
+        experience.see(make_windows(problem, count, seed=count))
+        shown.append(bootstrap.weights(experience.store).values)
+    estimates, windows = [model.estimate() for model in models], experience.store.windows
+    found = bootstrap.label_errors(estimates, experience.store, problem.cells.index(windows))
     assert found.shape == (2, len(models), len(models))
-    weights = torch.cat(spy.shown, dim=1)
+    weights = shown[-1] if resample == "exact" else torch.cat(shown, dim=1)
     assert weights.shape == (2, 24, 1 + draws)
+    taken = [windows.grid(column) for column in (windows.states, windows.actions, windows.next_states)]
     counted = set()
     for replica in range(2):
         errors = np.zeros((len(models), 24))
@@ -153,33 +180,34 @@ def test_errors_out_of_bag_against_loops(
             if not blind:
                 continue  # all draws have seen it: it tells nothing
             for j, estimate in enumerate(estimates):
+                assert estimate.draws is not None
                 predictions = []
                 for b in blind:
                     total = 0.0
                     for t in range(7):
-                        s, a, then = (int(part[replica, k, t]) for part in steps(windows))
+                        s, a, then = (int(part[replica, k, t]) for part in taken)
                         total += float(estimate.draws[replica, b, t * 10 + then if axes == ARRIVALS else s * 3 + a])
                     predictions.append(total)
                 errors[j, k] = np.mean(predictions) - float(windows.labels[replica, k])
-        np.testing.assert_allclose(found[replica], np.eye(len(models)) + errors @ errors.T, atol=1e-9)
+        np.testing.assert_allclose(found[replica], errors @ errors.T / windows.labels[replica].numpy().var(), rtol=1e-9)
     assert {0, 1, 2} <= counted  # among them windows that every draw has seen
 
 
-def steps(windows: Windows) -> tuple[torch.Tensor, ...]:
-    return windows.states, windows.actions, windows.next_states
-
-
-def test_before_the_first_window_all_weights_are_equal(make_problem: Make) -> None:
+def test_before_the_first_window_all_weights_are_equal(make_problem: Make, make_windows: MakeWindows) -> None:
     problem = make_problem((0, 1))
-    bootstrap = Bootstrap(3)
+    bootstrap, store = Bootstrap(3), Store(problem)
     bootstrap.start(problem)
-    nothing = Estimate(problem.zeros(30), problem.zeros(3, 30))
-    errors = bootstrap.label_errors([nothing] * 4, Dataset(problem, 0), torch.zeros(1, 0, 7, dtype=torch.int64))
-    assert torch.equal(errors, torch.eye(4, dtype=FLOAT).repeat(2, 1, 1))
-    torch.testing.assert_close(stacked_weights(errors), torch.full((2, 4), 0.25, dtype=FLOAT))
+    nothing = Estimate(problem.zeros(30), problem.zeros(30), problem.zeros(3, 30))
+    for empty in (store, Store(problem)):
+        if empty is store:  # a round that brought none
+            empty.append(make_windows(problem, 0))
+            bootstrap.weights(empty)
+        errors = bootstrap.label_errors([nothing] * 4, empty, None)
+        assert torch.equal(errors, problem.zeros(4, 4))
+        found = Stacking().weights(problem.zeros(4, 30), errors)
+        torch.testing.assert_close(found, torch.full((2, 4, 30), 0.25, dtype=FLOAT))
 
 
 def test_an_uncertainty_without_resampling_holds_nothing_out(make_problem: Make) -> None:
-    problem = make_problem((0,))
     with pytest.raises(NotImplementedError, match="Analytic holds no labels out"):
-        Analytic().label_errors([], Dataset(problem, 0), torch.zeros(1, 0, 7))
+        Analytic().label_errors([], Store(make_problem((0,))), None)

@@ -10,6 +10,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
+
+from credit.config.registry import conf_dir
 
 NAMES = {
     "block": "Block-UCB",
@@ -18,6 +21,8 @@ NAMES = {
     "adaptive_mse": "Adaptive MSE-UCB",
     "disagreement": "Disagreement-UCB",
 }
+ENV = yaml.safe_load((conf_dir() / "env" / "advertiser.yaml").read_text(encoding="utf-8"))
+TRAINER = {"_target_": "credit.trainer.Trainer", "steps": 14000, "windows_per_round": 1, "log_every": 40}
 BLOCK_SUM = {"_target_": "credit.envs.feedback.BlockSum", "window": 7, "noise": 0.2}
 TERMINAL = {"_target_": "credit.envs.feedback.Terminal", "window": 5}
 WriteRun = Callable[..., Path]
@@ -48,10 +53,15 @@ def write_run(tmp_path: Path) -> WriteRun:
         experiment: str = "advertiser",
         slug: str = "default",
         config_hash: str | None = None,
+        mixer: Mapping[str, Any] | None = None,
         steps: tuple[int, ...] = (100, 200, 300),
         recovery: Mapping[str, Any] | None = None,
         done: bool = True,
         feedback: Mapping[str, Any] = BLOCK_SUM,
+        env: Mapping[str, Any] = ENV,
+        trainer: Mapping[str, Any] = TRAINER,
+        commit: str | None = "abc123",
+        version: str | None = "0.1.0",
     ) -> Path:
         folder = tmp_path / "outputs" / experiment / method / slug / f"seed-{seed}"
         folder.mkdir(parents=True)
@@ -67,11 +77,13 @@ def write_run(tmp_path: Path) -> WriteRun:
             "seed": seed,
             "status": "FINISHED",
             "config_hash": config_hash or f"hash-of-{method}-{slug}",
-            "git_commit": "abc123",
+            "git_commit": commit,
+            "versions": {"credit": version, "torch": "2.0"} if version else {"torch": "2.0"},
             "metrics": dict(metrics),
             "paper": {"name": NAMES.get(method, method)},
         }
-        (folder / "config.yaml").write_text(json.dumps({"feedback": feedback}), encoding="utf-8")
+        config = {"env": env, "feedback": feedback, "trainer": trainer} | ({"mixer": mixer} if mixer else {})
+        (folder / "config.yaml").write_text(json.dumps(config), encoding="utf-8")
         (folder / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
         if recovery is not None:
             np.savez(folder / "recovery.npz", **recovery)

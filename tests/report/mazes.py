@@ -15,6 +15,8 @@ from credit.envs.pointmaze.maze import Maze
 MAZE = Maze.of(["#####", "#..##", "##..#", "#####"])
 START, GOAL = (1, 1), (2, 3)
 WINDOW = {"_target_": "credit.envs.feedback.Terminal", "window": 300}
+ENV = {"_target_": "credit.envs.pointmaze.environment.PointMaze", "maze": "Medium", "goal": [6, 6], "successes": 10}
+TRAINER = {"_target_": "credit.trainer.Trainer", "steps": 18000, "windows_per_round": 5, "log_every": 5}
 NAMES = {"delayed": "Delayed SAC", "reference": "DNN-SAC", "disagreement": "Disagreement-SAC"}
 MODELS = ("dnn", "cells", "heuristic")
 KINDS = ("success", "partial", "failure")
@@ -84,12 +86,13 @@ def write_maze_run(
     slug: str = "default",
     tracks: dict[str, Any] | None = None,
     beliefs: dict[str, Any] | None = None,
+    env: dict[str, Any] | None = None,
 ) -> Path:
     """Write one finished run whose policy has these success rates after each round of 5 trajectories.
 
     Args:
         output: the folder of all experiments. method, slug, seed: which run.
-        success: one a round. averaged: of the averaged actor, the same by default.
+        success: one a round. averaged: of the averaged actor, the same by default. env: what of it is not as usual.
         tracks: trajectories.npz. beliefs: recovery.npz; neither by default.
     """
     folder = output / "pointmaze" / method / slug / f"seed-{seed}"
@@ -108,7 +111,8 @@ def write_maze_run(
     summary |= {"status": "FINISHED", "config_hash": f"hash-{method}-{slug}", "git_commit": "abc", "metrics": final}
     summary["paper"] = {"name": NAMES.get(method, method)}
     (folder / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
-    (folder / "config.yaml").write_text(json.dumps({"feedback": WINDOW}), encoding="utf-8")
+    config = {"env": {**ENV, **(env or {})}, "feedback": WINDOW, "trainer": TRAINER}
+    (folder / "config.yaml").write_text(json.dumps(config), encoding="utf-8")
     for name, arrays in (("trajectories", tracks), ("recovery", beliefs)):
         if arrays is not None:
             np.savez(folder / f"{name}.npz", **arrays)

@@ -62,7 +62,7 @@ def test_compare_writes_tables_and_figures(output: Path):
     assert report.logged == ""
     runs = pd.read_csv(report.folder / "runs.csv")
     assert list(runs) == [
-        "method", "slug", "seed", "config_hash", "git_commit", "regret/cumulative", "reward/mse",
+        "method", "slug", "seed", "config_hash", "git_commit", "version", "regret/cumulative", "reward/mse",
     ]  # fmt: skip
     assert len(runs) == 12
     assert runs.loc[runs["method"] == "block", "regret/cumulative"].tolist() == [
@@ -147,6 +147,8 @@ def test_help_names_every_key_without_loading_pandas():
         "method",
         "slug",
         "feedback",
+        "env.KEY",
+        "commit",
         "seed",
         "replicas",
         "reference",
@@ -178,6 +180,14 @@ def test_the_newest_session_decides_where_to_log(output: Path, monkeypatch: pyte
         session(output, started, untracked)
         assert "was not tracked" in compare(output, "advertiser").logged
     assert len(calls) == 1
+
+
+@pytest.mark.usefixtures("no_figures")
+@pytest.mark.parametrize("content", ["", "[]", "{}", '{"experiment": "advertiser", "started": null, "tracking": null}'])
+def test_a_damaged_session_costs_nothing(output: Path, content: str):
+    session(output, 1.0, None)
+    (output / "sessions" / "session-1" / "session.json").write_text(content, encoding="utf-8")
+    assert "was not tracked" in compare(output, "advertiser").logged
 
 
 @pytest.mark.usefixtures("no_figures")

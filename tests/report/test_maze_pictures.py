@@ -203,9 +203,14 @@ def test_runs_that_kept_nothing_are_compared_without_pictures(tmp_path: Path):
 def test_variants_have_pictures_of_their_own_and_every_maze_its_demonstrations(tmp_path: Path):
     output = write_all(tmp_path)
     start, goal = (1, 2), (2, 2)
-    write_maze_run(output, "delayed", 0, RATES, slug="env.goal=[2,2]", tracks=journal(start=start, goal=goal))
-    figures = draw(output)
-    assert "trajectories_delayed_env.goal=[2,2]" in figures
+    write_maze_run(output, "delayed", 0, RATES, slug="scaler=plain", tracks=journal())
+    moved = {"start": [1, 2], "goal": [2, 2]}
+    tracks = journal(start=start, goal=goal)
+    write_maze_run(output, "delayed", 0, RATES, slug="env.goal=2,2,env.start=1,2", tracks=tracks, env=moved)
+    with style.styled():
+        figures = maze_figures([summarise(part) for part in load_runs(output, "pointmaze").by_setting()], None)
+    assert "trajectories_terminal-goal=2,2-start=1,2_delayed" in figures
+    assert any(name.endswith("_delayed_scaler=plain") for name in figures)
     demonstrations = figures["demonstrations"]
     assert demonstrations is not None
     assert len(demonstrations.axes) == 2

@@ -4,6 +4,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from credit.core.errors import UserError
 from credit.report.heatmaps import heatmaps_figure
 from credit.report.recovered import Maps, recovered_maps
 from credit.report.runs import load_runs
@@ -136,3 +137,17 @@ def test_every_table_has_a_panel_and_every_step_a_title(write_run: WriteRun, tmp
     # a hatched field a panel for what was never visited, none where there is no cell
     assert [len(axes.patches) for axes in panels] == [1] * 10
     assert [len(axes.texts) for axes in panels] == [5] * 10
+
+
+@pytest.mark.parametrize("content", [b"", b"PK", b"no archive"])
+def test_damaged_tables_are_named(write_run: WriteRun, tmp_path: Path, content: bytes):
+    (write_run("disagreement", 0, {"regret/cumulative": 1.0}) / "recovery.npz").write_bytes(content)
+    with pytest.raises(UserError, match=r"seed-0 is marked as finished, but its recovery\.npz cannot be used"):
+        recovered_maps(load_runs(tmp_path / "outputs", "advertiser"))
+
+
+def test_tables_that_lack_an_array_are_named(write_run: WriteRun, tmp_path: Path):
+    arrays = synthetic(0, None, (S, A))
+    del arrays["models"]
+    with pytest.raises(UserError, match=r"recovery\.npz cannot be used \(KeyError"):
+        maps_of(write_run, tmp_path, [arrays])

@@ -41,12 +41,20 @@ def test_filters(write_run: WriteRun, tmp_path: Path):
 
 
 def test_different_configurations_are_not_averaged(write_run: WriteRun, tmp_path: Path):
-    write_run("reference", 0, REGRET, config_hash="aaaa")
+    alpha = {"_target_": "credit.recovery.mixers.RelativeMSE", "alpha": 0.4}
+    write_run("reference", 0, REGRET, config_hash="aaaa", mixer=alpha)
     write_run("reference", 1, REGRET, config_hash="bbbb")
     write_run("block", 0, REGRET)
     with pytest.raises(UserError, match=r"reference/default: aaaa \(seeds 0 \(1\)\), bbbb \(seeds 1 \(1\)\)"):
         load_runs(tmp_path / "outputs", "advertiser")
     assert len(load_runs(tmp_path / "outputs", "advertiser", seed=1).frame) == 1
+
+
+def test_the_same_configuration_under_another_hash_is_the_same(write_run: WriteRun, tmp_path: Path):
+    """Hashes of versions before are of Python paths, too; what is compared is today's identity."""
+    write_run("reference", 0, REGRET, config_hash="aaaa")
+    write_run("reference", 1, REGRET, config_hash="bbbb")
+    assert len(load_runs(tmp_path / "outputs", "advertiser").frame) == 2
 
 
 def test_nothing_at_all_says_what_to_run(tmp_path: Path):
@@ -79,6 +87,22 @@ def test_a_damaged_run_is_named(write_run: WriteRun, tmp_path: Path):
     (folder / "summary.json").write_text("{", encoding="utf-8")
     with pytest.raises(UserError, match=r"seed-0 is marked as finished, but its summary\.json"):
         load_runs(tmp_path / "outputs", "advertiser")
+
+
+@pytest.mark.parametrize("content", ["[1]", "null", '{"metrics": 3}', "{"])
+def test_a_summary_that_is_none_is_named_and_nothing_is_to_be_deleted(
+    write_run: WriteRun, tmp_path: Path, content: str
+):
+    (write_run("reference", 0, REGRET) / "summary.json").write_text(content, encoding="utf-8")
+    with pytest.raises(UserError, match=r"summary\.json cannot be used .* Restore the file, or move the folder"):
+        load_runs(tmp_path / "outputs", "advertiser")
+
+
+@pytest.mark.parametrize("content", ["", "time,regret/cumulative\n1,2\n", "step,regret/cumulative\n1,many\n"])
+def test_a_damaged_journal_is_named(write_run: WriteRun, tmp_path: Path, content: str):
+    (write_run("reference", 0, REGRET) / "metrics.csv").write_text(content, encoding="utf-8")
+    with pytest.raises(UserError, match=r"seed-0 is marked as finished, but its metrics\.csv cannot be used"):
+        load_curves(load_runs(tmp_path / "outputs", "advertiser").frame, "regret/cumulative")
 
 
 def test_curves_on_the_same_steps_are_stacked(write_run: WriteRun, tmp_path: Path):

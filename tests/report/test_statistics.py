@@ -115,6 +115,12 @@ def test_probability_of_improvement_is_the_mann_whitney_statistic():
     assert 0 <= result.low < result.value < result.high <= 1
 
 
+def expanded(n: int) -> list[float]:
+    """The percentiles of a bootstrap of n, widened to those of a t-interval."""
+    tail = stats.norm.cdf(-np.sqrt(n / (n - 1)) * stats.t.ppf(0.975, n - 1))
+    return [tail, 1 - tail]
+
+
 def test_probability_interval_agrees_with_a_plain_bootstrap():
     rng = np.random.default_rng(6)
     x, y = rng.normal(size=20), rng.normal(0.5, 1, size=25)
@@ -122,8 +128,74 @@ def test_probability_interval_agrees_with_a_plain_bootstrap():
     for _ in range(4000):
         a, b = rng.choice(x, 20), rng.choice(y, 25)
         samples.append((a[:, None] < b).mean())
-    result = probability_of_improvement(x, y)
-    assert (result.low, result.high) == pytest.approx(np.quantile(samples, [0.025, 0.975]), abs=0.02)
+    expected = np.quantile(samples, expanded(20))
+    for seeds in ((), (range(20), range(20, 45))):
+        result = probability_of_improvement(x, y, *seeds)
+        assert (result.low, result.high) == pytest.approx(expected, abs=0.02)
+
+
+def test_runs_of_one_seed_are_no_pair_of_independent_runs():
+    # seeds 2 and 3 are common: of 6 pairs, (2, 2) and (3, 3) are left out, and (2, 3), (3, 4) are won
+    x, y = [1.0, 5.0], [0.5, 2.0, 6.0]
+    assert probability_of_improvement(x, y, [2, 3], [2, 3, 4]).value == pytest.approx(3 / 4)
+    # who is always a little better on the same seed is no better on another
+    scores = np.arange(20.0)
+    assert probability_of_improvement(scores - 0.1, scores, range(20), range(20)).value == pytest.approx(0.5)
+    assert probability_of_improvement([1.0, 2.0], [1.0, 2.0], [0, 1], [0, 1]) == pytest.approx(
+        (0.5, np.nan, np.nan), nan_ok=True
+    )
+    assert np.isnan(probability_of_improvement([1.0], [2.0], [0], [0])).all()
+    # five of one mind: that the interval has no width does not make it certain
+    assert probability_of_improvement(range(5), range(9, 14), range(5), range(5)) == pytest.approx(
+        (1.0, np.nan, np.nan), nan_ok=True
+    )
+    with pytest.raises(ValueError, match="both sides"):
+        probability_of_improvement([1.0], [2.0], [0])
+
+
+def test_pairs_are_resampled_as_pairs_whatever_their_order():
+    rng = np.random.default_rng(7)
+    x, y, seeds = rng.normal(size=12), rng.normal(0.3, 1, size=15), np.arange(15)
+    mixed = rng.permutation(15)
+    straight = probability_of_improvement(x, y, seeds[:12], seeds)
+    turned = probability_of_improvement(x, y[mixed], seeds[:12], seeds[mixed])
+    assert straight.value == pytest.approx(turned.value)
+    assert straight == pytest.approx(turned, abs=0.02)
+    # a plain bootstrap of the pairs, and of the rest among themselves
+    samples = []
+    for _ in range(4000):
+        common = rng.integers(12, size=12)
+        left, right = common, np.concatenate([common, rng.integers(12, 15, size=3)])
+        pairs = left[:, None] != right
+        samples.append((x[left][:, None] < y[right])[pairs].mean())
+    assert (straight.low, straight.high) == pytest.approx(np.quantile(samples, expanded(12)), abs=0.02)
+
+
+def covered(correlation: float, shift: float, *, paired: bool, count: int = 20, worlds: int = 1000) -> float:
+    """How often the interval has P(X < Y) of independent runs, where common seeds make scores correlate."""
+    rng = np.random.default_rng(8)
+    truth, hits, seeds = stats.norm.cdf(shift / np.sqrt(2)), 0, (range(count),) * 2 if paired else ()
+    for world in range(worlds):
+        common, own_x, own_y = rng.normal(size=(3, count))
+        x, y = (np.sqrt(correlation) * common + np.sqrt(1 - correlation) * own for own in (own_x, own_y))
+        result = probability_of_improvement(x, y + shift, *seeds, draws=1000, seed=world)
+        hits += result.low <= truth <= result.high
+    return hits / worlds
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("correlation", "shift"), [(0.0, 0.0), (0.0, 0.5), (0.5, 0.0), (0.5, 0.5), (0.5, 1.5), (0.9, 0.5)]
+)
+def test_the_interval_of_improvement_covers_what_it_says(correlation: float, shift: float):
+    # .95, with three standard errors of 1,000 worlds; correlated ranks make it cautious
+    assert 0.93 <= covered(correlation, shift, paired=True) <= 0.985
+
+
+@pytest.mark.slow
+def test_without_its_pairs_the_interval_is_too_wide():
+    assert covered(0.9, 0.0, paired=False) > 0.99
+    assert covered(0.0, 0.5, paired=False) == pytest.approx(0.95, abs=0.02)
 
 
 def test_trapped_seeds_lie_above_the_threshold():

@@ -204,7 +204,7 @@ def test_the_papers_numbers_belong_to_its_own_setting(write_run: WriteRun, tmp_p
         write_run("reference", 0, {"regret/cumulative": 1.0}, slug=slug, feedback=feedback)
     parts = load_runs(tmp_path / "outputs", "advertiser").by_setting()
     quiet, usual = [summarise(part, paper=load_paper("advertiser")) for part in parts]
-    assert (quiet.paper, quiet.runs.setting) == (None, "block_sum-noise=0.0")
+    assert (quiet.paper, quiet.runs.setting.name) == (None, "block_sum-noise=0.0")
     assert "regret/cumulative/paper_mean" in usual.table
     assert "regret/cumulative/paper_mean" not in quiet.table
     assert caption(quiet, usual).count("from the paper's Table 1") == 1

@@ -19,7 +19,8 @@ from credit.core.problem import Problem
 from credit.core.ranges import NonNegative, Positive, PositiveInt, Probability
 from credit.core.state import Stateful
 from credit.core.streams import generators
-from credit.data.replay import Batch, Prefer, Replay
+from credit.data.preferred import Prefer
+from credit.data.replay import Batch, Replay
 from credit.networks.adam import Adam, step
 from credit.networks.denormals import flushed
 from credit.networks.stack import Shape, Stack, Tape, padded

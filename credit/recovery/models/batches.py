@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import torch
 from torch import Tensor
 
+from credit.core.shapes import agree
 from credit.core.store import Windows
+
+Balance = Literal["auto", "bits", "quantiles", "none"]
 
 
 class Steps(NamedTuple):
@@ -33,20 +36,31 @@ def every(windows: Windows, stride: int, window: int) -> Steps:
     return Steps(torch.where(weights > 0, ends - back, ends), weights)
 
 
-def balanced(labels: Tensor, uniform: Tensor) -> Tensor:
-    """Which trajectories stand in batches of B: the first half is drawn from successes, the second from failures.
+def balanced(labels: Tensor, uniform: Tensor, balance: Balance = "auto") -> Tensor:
+    """Which windows stand in batches of B: the first half is drawn from the better ones, the second from the others.
+
+    `bits`: labels are of two kinds, and those above the middle of the least and the largest are the better ones, so
+    that a few successes among many failures are half of a batch. `quantiles`: the better ones are the upper half.
+    `auto`: bits where labels take at most two values, else quantiles. `none`, and where all labels are the same: both
+    halves are drawn from all.
 
     Args:
-        labels: Y [M, K]; a success is one above zero. Where all are of one kind, both halves are drawn from all.
+        labels: Y [M, K].
         uniform: numbers on [0, 1) [M, steps, B].
+        balance: what makes two halves.
 
     Returns:
-        Numbers of trajectories, int64 [M, steps, B].
+        Numbers of windows, int64 [M, steps, B].
     """
-    count, success = labels.shape[1], labels > 0
-    order = success.to(torch.int8).argsort(dim=1, descending=True, stable=True)  # successes first
-    wins = success.sum(1).view(-1, 1, 1)
-    mixed = (wins > 0) & (wins < count)
+    agree(labels=(labels, "M K"), uniform=(uniform, "M S B"))
+    count = labels.shape[1]
+    least, largest = (part.unsqueeze(1) for part in labels.aminmax(dim=1))
+    better = labels > least + (largest - least) / 2
+    bits = ((labels == least) | (labels == largest)).all(1, keepdim=True) if balance == "auto" else balance == "bits"
+    bits = torch.as_tensor(bits, device=labels.device).expand(len(labels), 1)
+    order = torch.where(bits, better.to(labels.dtype), labels).argsort(dim=1, descending=True, stable=True)
+    wins = torch.where(bits, better.sum(1, keepdim=True), count // 2).unsqueeze(-1)
+    mixed = (largest > least).unsqueeze(-1) & (balance != "none")
     first_half = torch.arange(uniform.shape[-1], device=labels.device) < uniform.shape[-1] // 2
     low = torch.where(mixed & ~first_half, wins, 0)
     high = torch.where(mixed & first_half, wins, count)

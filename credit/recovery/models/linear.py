@@ -182,18 +182,25 @@ class LinearModel(RidgeModel):
     def _predict(self, phi: Tensor) -> Estimate:
         """What φ [N, d] or [R, N, d] comes to."""
         if self._tabular:
-            phi = phi if self.unit == 1 else phi / self.unit
+            phi = self._in_units(phi)
             values = self._theta @ phi.mT
             leverage = None
         else:
-            phi = phi.expand(len(self._theta), *phi.shape[-2:])
-            found = by_replica(self._rows, phi, self._theta, self._inverse[:, 0])
-            values, leverage = found[:, :-1], found[:, -1]
+            values = self._by_rows(phi)
+            values, leverage = values[:, :-1], values[:, -1]
         draws = values[:, 1:]
         variance = self.uncertainty.variance(
             draws, lambda: self._leverage(phi) if leverage is None else leverage, self.residual
         )
         return Estimate(values[:, 0], variance, draws)
+
+    def _in_units(self, phi: Tensor) -> Tensor:
+        return phi if self.unit == 1 else phi / self.unit
+
+    def _by_rows(self, phi: Tensor) -> Tensor:
+        """Predictions of all fits [R, F, N], and behind them φᵀV⁻¹φ [R, 1, N], of φ [N, d] or [R, N, d]."""
+        phi = phi.expand(len(self._theta), *phi.shape[-2:])
+        return by_replica(self._rows, phi, self._theta, self._inverse[:, 0])
 
     def _rows(self, phi: Tensor, theta: Tensor, inverse: Tensor) -> Tensor:
         """Predictions of all fits [r, F, n], and behind them φᵀV⁻¹φ [r, 1, n]; single steps are many."""
@@ -214,17 +221,23 @@ class LinearModel(RidgeModel):
         cost = self._cost - self.regularization * self.theta.square().sum(-1)
         return cost.clamp(min=0) / max(self._windows, 1)
 
-    def leverage(self) -> Tensor:
-        """φᵀV⁻¹φ of every place [R, N], the squared width of the proof's confidence set (38)."""
-        phi = self._look.places()
-        if self._tabular:
-            return self._leverage(phi if self.unit == 1 else phi / self.unit)
-        return by_replica(self._rows, phi, self._theta, self._inverse[:, 0])[:, -1]
+    def leverage(self, steps: Steps | None = None) -> Tensor:
+        """φᵀV⁻¹φ of every place [R, N], or of other steps [n]: the squared width of the proof's confidence set (38)."""
+        phi = self._look.places() if steps is None else self._phi(steps)
+        return self._leverage(self._in_units(phi)) if self._tabular else self._by_rows(phi)[:, -1]
 
     def _leverage(self, phi: Tensor) -> Tensor:
         return torch.einsum("nd,rde,ne->rn", phi, self._inverse[:, 0], phi)
 
-    def perturbation(self, normal: Tensor) -> Tensor:
-        """Φ L z with L Lᵀ = V⁻¹ for standard normal z [R, d]: a posterior draw of the reward, less its mean [R, N]."""
+    def perturbation(self, normal: Tensor, steps: Steps | None = None) -> Tensor:
+        """Φ L z with L Lᵀ = V⁻¹: a posterior draw of the reward, less its mean.
+
+        Args:
+            normal: z, standard normal numbers [R, d]. steps: of which [n]; None for every place.
+
+        Returns:
+            [R, N], or [R, n].
+        """
+        phi = self._look.places() if steps is None else self._phi(steps)
         factor = torch.linalg.cholesky(self._inverse[:, 0])
-        return (self._look.places() @ (factor @ normal.unsqueeze(-1))).squeeze(-1)
+        return (self._in_units(phi.to(FLOAT)) @ (factor @ normal.unsqueeze(-1))).squeeze(-1)

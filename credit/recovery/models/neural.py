@@ -22,7 +22,7 @@ from credit.core.tensors import CACHED
 from credit.networks.adam import Adam
 from credit.networks.denormals import flushed
 from credit.networks.stack import Shape, Stack, Tape
-from credit.recovery.models.batches import balanced, every, padding
+from credit.recovery.models.batches import Balance, balanced, every, padding
 from credit.recovery.uncertainty.networks import NetworkUncertainty
 
 TINY = 1e-6  # a feature with a smaller deviation is a constant, and is not scaled
@@ -31,8 +31,8 @@ TINY = 1e-6  # a feature with a smaller deviation is a constant, and is not scal
 class NeuralModel(RewardModel):
     """A perceptron on a feature map, output / H, fitted to window labels by Adam (5).
 
-    Minimised is the mean over trajectories of (Y − Σ_t r̃)² + λ Σ_t |r̃|, in batches half of successes and half of
-    failures, on every stride-th step. On the motion of a body it is the DNN reference, on three features of a maze the
+    Minimised is the mean over trajectories of (Y − Σ_t r̃)² + λ Σ_t |r̃|, in batches of which half have the better
+    labels, on every stride-th step. On the motion of a body it is the DNN reference, on three features of a maze the
     heuristic surrogate. R × E networks lie side by side; each goes on from its last fit.
 
     Args:
@@ -44,6 +44,8 @@ class NeuralModel(RewardModel):
         first_steps: gradient steps of the first fit. steps: of each later one.
         batch: B, trajectories a gradient step. stride: one step in so many is fitted, and stands for the others.
         learning_rate: Adam's.
+        balance: what the two halves of a batch are: `bits`, successes and failures; `quantiles`, the upper and the
+            lower half of the labels; `auto`, bits where labels take at most two values, else quantiles; `none`, all.
     """
 
     uncertainty: NetworkUncertainty
@@ -62,6 +64,7 @@ class NeuralModel(RewardModel):
         batch: PositiveInt = 32,
         stride: PositiveInt = 12,
         learning_rate: Positive = 1e-3,
+        balance: Balance = "auto",
     ) -> None:
         self.name = name
         self.features = features
@@ -71,6 +74,7 @@ class NeuralModel(RewardModel):
         self.first_steps, self.steps = first_steps, steps
         self.batch, self.stride = batch, stride
         self.learning_rate = learning_rate
+        self.balance = balance
 
     @property
     def looks_at(self) -> Collection[Axis]:  # type: ignore[override]
@@ -167,7 +171,8 @@ class NeuralModel(RewardModel):
         members, trajectories, steps, size = rows.shape
         uniform = np.stack([g.random((count, self.batch)) for g in self._batches])
         first = trajectories * torch.arange(members, device=self._device).view(-1, 1, 1)
-        drawn = (balanced(labels, torch.from_numpy(uniform).to(self._device)) + first).unbind(1)
+        chances = torch.from_numpy(uniform).to(self._device)
+        drawn = (balanced(labels, chances, self.balance) + first).unbind(1)
         offset = self._posterior.offset(rows.view(members, -1, size))
         rows, shares, labels = rows.view(-1, steps * size), shares.view(-1, steps), labels.flatten()
         offset = None if offset is None else offset.reshape(-1, steps)

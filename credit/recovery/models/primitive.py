@@ -61,6 +61,8 @@ class PrimitiveReward(RewardModel):
         if windows.primitive is None:
             raise ValueError("the primitive reward was not shown to the oracle")
         place = self._index(windows)
+        if not place.numel():
+            return
         if (last := int(place.max())) >= self._total.shape[1]:
             self._total, self._visits = grown(self._total, last + 1), grown(self._visits, last + 1)
         valid = windows.valid

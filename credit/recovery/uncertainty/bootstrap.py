@@ -14,10 +14,18 @@ from credit.core.belief import Estimate
 from credit.core.problem import FLOAT, Problem
 from credit.core.ranges import NonNegative, NonNegativeInt, Positive, PositiveInt
 from credit.core.seams import Uncertainty
-from credit.core.store import Store
+from credit.core.store import Store, Windows
 from credit.core.streams import Stream, generators
 from credit.core.tensors import grown
 from credit.recovery.proxies import spread
+
+TINY = 1e-6  # a deviation that is smaller, as a part of the largest label, is rounding
+
+
+def deviation(labels: Tensor) -> Tensor:
+    """The standard deviation [R] of labels [R, K]; 1 where all are the same."""
+    found = labels.std(1, correction=0)
+    return torch.where(found > TINY * labels.abs().amax(1), found, 1.0)
 
 
 class Weights(NamedTuple):
@@ -65,8 +73,11 @@ class FitUncertainty(Uncertainty):
     def label_errors(self, estimates: Sequence[Estimate], store: Store, index: Tensor | None) -> Tensor:
         """Products [R, M, M] of the errors with which models predict labels that they were not fitted to, summed.
 
+        In units of the variance of the labels, which is one where all are the same.
+
         Args:
-            estimates: of all models. store: the windows. index: where the estimates have each row [R, n].
+            estimates: of all models. store: the windows. index: where the estimates have each row [R, n]; None where
+                there are no windows.
         """
         raise NotImplementedError(f"{type(self).__name__} holds no labels out")
 
@@ -74,9 +85,10 @@ class FitUncertainty(Uncertainty):
 class Bootstrap(FitUncertainty):
     """Bootstrap over windows: B refits of every model on the same resampled windows (9)–(11).
 
-    `poisson` gives each window, when it arrives, a Poisson(1) weight per draw and never touches it again: the online
-    bootstrap, the same in distribution as resampling when there are many windows, at O(B) a window. `exact` resamples
-    all K windows with replacement at every refit, as B.1 is written, at O(B·K).
+    `poisson` gives each window, when it arrives, a Poisson(1) weight per draw and never touches it again, at O(B) a
+    window: the online bootstrap. It is not the same as resampling: the weights of a draw do not sum to K, so that its
+    spread is larger by O(1/K), and the draws of one refit are those of the one before with new windows added, not
+    fresh ones. `exact` resamples all K windows with replacement at every refit, as B.1 is written, at O(B·K).
 
     Args:
         draws: B, refits a model.
@@ -109,19 +121,19 @@ class Bootstrap(FitUncertainty):
         self._stream = Stream(problem, "bootstrap", "poisson", self.draws)
         self._outside = problem.zeros(256, self.draws) > 0  # whether a window has weight 0 in a draw [R, ≥ K, B]
         self._generators = generators(problem.seeds, "bootstrap/exact")
-        self._drawn: tuple[int, Weights] | None = None  # after how many windows, and what
+        self._drawn: tuple[Windows, int, Weights] | None = None  # for which windows, after how many, and what
 
     def weights(self, store: Store) -> Weights:
         """Weights for the newest windows (poisson) or for all of them (exact)."""
-        count = len(store)
-        if self._drawn is None or self._drawn[0] != count:
+        count, drawn = len(store), self._drawn
+        if drawn is None or drawn[0] is not store.new or drawn[1] != count:
             anew = self.resample == "exact"
             values = self._multinomial(count) if anew else self._poisson(store.new.labels.shape[1])
             if count > self._outside.shape[1]:
                 self._outside = grown(self._outside, count)
             self._outside[:, count - values.shape[1] : count] = values[..., 1:] == 0
-            self._drawn = count, Weights(values, anew)
-        return self._drawn[1]
+            self._drawn = drawn = store.new, count, Weights(values, anew)
+        return drawn[2]
 
     def variance(self, draws: Tensor, leverage: Callable[[], Tensor], residual: Callable[[], Tensor]) -> Tensor:
         """Variance over the draws (10)."""
@@ -134,9 +146,8 @@ class Bootstrap(FitUncertainty):
     def label_errors(self, estimates: Sequence[Estimate], store: Store, index: Tensor | None) -> Tensor:
         """Out of bag: each window is predicted by the mean of those draws in which it has weight 0."""
         count = len(store)
-        first = torch.eye(len(estimates), dtype=FLOAT, device=self._outside.device)  # else the first windows decide all
-        if index is None:
-            return first.expand(self._problem.replicas, -1, -1)
+        if index is None or not count:
+            return self._problem.zeros(len(estimates), len(estimates))
         windows = store.windows
         out = self._outside[:, :count].to(FLOAT)
         known = out.sum(-1).clamp(min=1)
@@ -149,15 +160,17 @@ class Bootstrap(FitUncertainty):
             else:  # the sum of numbers that lie side by side
                 predicted = each.unflatten(-1, (-1, windows.length)).sum(-1).mT
             errors.append(((predicted * out).sum(-1) / known - windows.labels) * (out.sum(-1) > 0))
-        stacked = torch.stack(errors, dim=1)
-        return first + stacked @ stacked.mT
+        stacked = torch.stack(errors, dim=1) / deviation(windows.labels)[:, None, None]
+        return stacked @ stacked.mT
 
     def _poisson(self, windows: int) -> Tensor:
         ones = torch.ones(self._problem.replicas, 1, dtype=FLOAT, device=self._problem.device)
         rows = [torch.cat([ones, self._stream.next()], dim=1) for _ in range(windows)]
-        return torch.stack(rows, dim=1)
+        return torch.stack(rows, dim=1) if rows else self._problem.zeros(0, 1 + self.draws)
 
     def _multinomial(self, windows: int) -> Tensor:
+        if not windows:
+            return self._problem.zeros(0, 1 + self.draws)
         even = np.full(windows, 1 / windows)
         drawn = np.stack([g.multinomial(windows, even, size=self.draws).T for g in self._generators])
         ones = np.ones((len(drawn), windows, 1))

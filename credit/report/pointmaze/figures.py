@@ -28,14 +28,14 @@ class Shown:
 
     def file(self, kind: str) -> str:
         """The name of a picture, without its ending."""
-        return file_name(kind, self.comparison.runs.setting, self.method, self.slug)
+        return file_name(kind, self.comparison.runs.setting.name, self.method, self.slug)
 
 
 def methods(comparisons: Sequence[Comparison]) -> Iterator[Shown]:
     """Every method and slug of every setting that is a maze."""
     for comparison in comparisons:
         if comparison.is_maze:
-            setting = f" ({heading(comparison.runs)})" if comparison.runs.setting else ""
+            setting = f" ({heading(comparison.runs)})" if comparison.runs.setting.name else ""
             for method, slug, group in ordered_groups(comparison.runs):
                 yield Shown(comparison, group, display_name(group) + setting, method, slug)
 

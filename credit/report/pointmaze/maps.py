@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from credit.envs.pointmaze.maze import Maze
 from credit.report.pointmaze.pictures import draw_maze
 from credit.report.pointmaze.tracks import Journal, has_tracks, load_tracks
+from credit.report.reading import arrays
 from credit.report.statistics import Array
 
 MODELS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#999933", "#332288")
@@ -64,7 +65,7 @@ def load_beliefs(runs: pd.DataFrame) -> Beliefs | None:
         path = Path(folder) / "recovery.npz"
         if not (has_tracks(folder) and path.exists()):
             continue
-        with np.load(path, allow_pickle=False) as data:
+        with arrays(folder, path.name) as data:
             if "grid/states" not in data:
                 continue
             wanted = ("models", "rounds", "best", "grid/states")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +13,9 @@ from numpy.typing import NDArray
 from credit.core.errors import UserError
 from credit.envs.pointmaze.maze import Cell, Maze
 from credit.report.comparison import Comparison, display_name
+from credit.report.pointmaze.recognise import FILE
+from credit.report.reading import arrays
 
-FILE = "trajectories.npz"
 PARTS = ("demonstrations", "online", "evaluation")
 
 
@@ -60,21 +60,15 @@ def load_tracks(folder: str) -> Journal:
     Raises:
         UserError: it is damaged.
     """
-    try:
-        with np.load(Path(folder) / FILE, allow_pickle=False) as data:
-            walls = tuple(tuple(row) for row in data["maze/walls"].astype(bool).tolist())
-            start, goal = ((int(data[key][0]), int(data[key][1])) for key in ("maze/start", "maze/goal"))
-            parts = {}
-            for part in PARTS:
-                ends = np.cumsum(data[f"{part}/lengths"])
-                places = np.split(data[f"{part}/states"][:, :2], ends)[: len(ends)]
-                kinds = tuple(data[f"{part}/kinds"].tolist()) if f"{part}/kinds" in data else ()
-                parts[part] = Tracks(tuple(places), data[f"{part}/labels"] > 0.5, kinds)
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-        raise UserError(
-            f"{folder} is marked as finished, but its {FILE} cannot be used "
-            f"({type(error).__name__}: {error}). Delete the folder and run this seed again."
-        ) from error
+    with arrays(folder, FILE) as data:
+        walls = tuple(tuple(row) for row in data["maze/walls"].astype(bool).tolist())
+        start, goal = ((int(data[key][0]), int(data[key][1])) for key in ("maze/start", "maze/goal"))
+        parts = {}
+        for part in PARTS:
+            ends = np.cumsum(data[f"{part}/lengths"])
+            places = np.split(data[f"{part}/states"][:, :2], ends)[: len(ends)]
+            kinds = tuple(data[f"{part}/kinds"].tolist()) if f"{part}/kinds" in data else ()
+            parts[part] = Tracks(tuple(places), data[f"{part}/labels"] > 0.5, kinds)
     return Journal(Maze("of the run", walls), start, goal, **parts)
 
 

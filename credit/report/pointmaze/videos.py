@@ -12,7 +12,8 @@ from pathlib import Path
 
 from credit.report.comparison import Comparison
 from credit.report.pointmaze.figures import methods
-from credit.report.pointmaze.tracks import FILE, typical
+from credit.report.pointmaze.recognise import FILE
+from credit.report.pointmaze.tracks import typical
 
 PACKAGES = {
     "gymnasium_robotics": "gymnasium-robotics",

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import io
+import subprocess
+import sys
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 import torch
-from credit.data.trajectory_replay import Replay
 from tensordict import TensorDict
 from torch import Tensor
+from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from credit.agents.sac.learner import Learner
 from credit.core.errors import RunError, UserError
+from credit.core.problem import Problem
+from credit.core.store import Episode, Store, Windows
+from credit.data.replay import Replay
 from credit.networks.stack import Stack
 
 Make = Callable[..., tuple[Learner, Replay]]
@@ -100,9 +105,10 @@ def test_a_state_continues_bit_for_bit(make_learner: Make) -> None:
     state = torch.load(file, weights_only=True)  # tensors and plain data only
     other = Learner(width=16, batch=8, n_step=3)
     other.make(4, 2, (0, 1))
-    refilled = other.replay(capacity=1000)
+    refilled = other.replay(Problem.vectors(4, 2, 20, (0, 1)))
     other.load_state_dict(state["sac"])
     refilled.load_state_dict(state["replay"])
+    refilled.relabel(replay.windows, replay.windows.states[..., 1])
     other.fit(refilled, 35)
     assert same(
         [sac.actor.flat, sac.average.flat, sac.log_alpha], [other.actor.flat, other.average.flat, other.log_alpha]
@@ -133,25 +139,75 @@ def test_the_temperature_moves_towards_the_target_entropy_unless_it_is_fixed(mak
     assert fixed.fit(replay, 5)["temperature"].item() == pytest.approx(0.3)
 
 
-def test_it_learns_a_bandit() -> None:
-    """r = −|a − (.5, −.25)|² ends at once: the mean action moves there."""
-    sac = Learner(
-        width=32, batch=32, learning_rate=3e-3, policy_delay=1, n_step=1, target_entropy=-6.0, success_share=0.0
-    )
-    sac.make(1, 2, (0,))
-    replay = sac.replay(500)
-    n = 500
+def bandit(states: Tensor, ends: bool = True, **keys: Any) -> tuple[Learner, Problem, Windows, Tensor]:
+    """500 steps r = −|a − (.5, −.25)|², each an episode of its own."""
+    sac = Learner(**({"width": 32, "batch": 32, "learning_rate": 3e-3, "policy_delay": 1, "n_step": 1} | keys))
+    n = len(states)
     actions = torch.rand(n, 2, generator=torch.Generator().manual_seed(0)) * 2 - 1
-    yes, no = torch.ones(n, 1, dtype=torch.bool), torch.zeros(n, 1, dtype=torch.bool)
-    reward = -(actions - torch.tensor([0.5, -0.25])).square().sum(-1, keepdim=True)
-    state = torch.zeros(n, 1)
-    ends = {"reward": reward, "done": yes, "success": yes, "terminated": yes, "truncated": no}
-    following = {"observation": state, **ends}
-    rows = {"observation": state, "action": actions, "collector": {"traj_ids": torch.arange(n)}, "next": following}
-    replay.extend(TensorDict(rows, [n]), torch.zeros(n, dtype=torch.int64))
+    episodes = [[Episode(states[k : k + 1], actions[k : k + 1], states[k : k + 1], ends) for k in range(n)]]
+    rewards = -(actions - torch.tensor([0.5, -0.25])).square().sum(-1)
+    windows = Windows.of_episodes(episodes, rewards.unsqueeze(0))
+    return sac, Problem.vectors(1, 2, 1, (0,)), windows, rewards.unsqueeze(0)
+
+
+def test_it_learns_a_bandit_from_python_alone() -> None:
+    """From a store that was filled by hand: the mean action moves to the best."""
+    sac, problem, windows, rewards = bandit(torch.zeros(500, 1), target_entropy=-6.0, success_share=0.0)
+    store = Store(problem)
+    store.append(windows)
+    sac.make(1, 2, seeds=(0,))
+    replay = sac.replay(problem)
+    replay.relabel(store.windows, rewards)
     sac.fit(replay, 400)
-    mean = sac.policy(1, 1)(TensorDict({"observation": state[:1]}, [1]))["action"][0]
-    assert mean.tolist() == pytest.approx([0.5, -0.25], abs=0.15)
+    for averaged in (False, True):
+        mean = sac.mean(torch.zeros(1, 3, 1), averaged)
+        assert mean.shape == (1, 3, 2)
+        assert mean[0, 0].tolist() == pytest.approx([0.5, -0.25], abs=0.15)
+    with set_exploration_type(ExplorationType.DETERMINISTIC):
+        same_mean = sac.policy(1, 1)(TensorDict({"observation": torch.zeros(1, 1)}, [1]))["action"][0]
+    torch.testing.assert_close(same_mean, sac.mean(torch.zeros(1, 1, 1))[0, 0])
+
+
+def test_the_clip_leaves_room_for_entropy() -> None:
+    """Nothing is paid, nothing ends: a soft value is the entropy to come, and only that. Clipped to the returns it
+    would be 0; it must come out as without the clip, and near α·H/(1 − γ)."""
+    keys: dict[str, Any] = {"adapt_temperature": False, "temperature": 0.1, "discount": 0.8, "target_rate": 0.05}
+    found = []
+    for clip in (False, True):
+        sac, problem, windows, rewards = bandit(
+            torch.zeros(500, 1), ends=False, success_share=0.0, target_clip=clip, **keys
+        )
+        sac.make(1, 2, seeds=(0,))
+        replay = sac.replay(problem)
+        replay.relabel(windows, 0 * rewards)
+        for _ in range(30):
+            values = sac.fit(replay, 32)
+        found.append((float(values["q"]), float(values["entropy"])))
+    for q, entropy in found:
+        assert entropy > 1.0  # of 2 log 2 at most
+        assert q == pytest.approx(0.8 * 0.1 * entropy / (1 - 0.8), abs=0.1)
+        assert q > 0.3
+    assert found[0] == pytest.approx(found[1], abs=0.05)
+
+
+def test_states_may_be_numbers() -> None:
+    """A number is seen one-hot: the same updates as on one-hot vectors."""
+    number = torch.arange(500) % 3
+    runs = []
+    for states in (number, torch.nn.functional.one_hot(number, 3).float()):
+        sac, problem, windows, rewards = bandit(states, prefer="top")
+        sac.make(3, 2, seeds=(0,))
+        replay = sac.replay(problem)
+        replay.relabel(windows, rewards)
+        sac.fit(replay, 40)
+        runs.append([sac.actor.flat, sac.critic.flat, sac.mean(states[None, :3])])
+    assert same(*runs)
+
+
+def test_importing_the_learner_loads_no_framework_of_runs() -> None:
+    code = "import sys, credit.agents.sac.learner; print([m for m in ('hydra', 'mlflow') if m in sys.modules])"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"
 
 
 def test_how_many_updates_a_round_takes() -> None:
@@ -165,9 +221,9 @@ def test_how_many_updates_a_round_takes() -> None:
 
 def test_a_weight_that_is_not_finite_stops_the_run(make_learner: Make) -> None:
     sac, replay = make_learner((3, 4))
-    rewards = torch.zeros(len(replay))
-    rewards[replay.rows["replica"][:, 0] == 1] = torch.nan
-    replay.relabel(rewards)
+    rewards = torch.zeros(2, len(replay.windows))
+    rewards[1] = torch.nan
+    replay.relabel(replay.windows, rewards)
     with pytest.raises(
         RunError, match=r"critic of seed 4 is not finite after 20 updates|actor of seed 4 is not finite"
     ):

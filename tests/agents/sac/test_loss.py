@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pytest
@@ -13,8 +14,9 @@ from torchrl.data import Bounded
 from torchrl.objectives import SACLoss, SoftUpdate, ValueEstimators
 
 from credit.agents.sac.learner import Learner
-from credit.agents.sac.loss import Batch, losses
+from credit.agents.sac.loss import entropy_room, losses
 from credit.agents.sac.networks import extract_actor, extract_critic, squash, squash_backward
+from credit.data.replay import Batch
 from credit.networks.stack import Stack
 
 R, B = 3, 10
@@ -38,7 +40,8 @@ def batch(seed: int = 0) -> tuple[Batch, Tensor]:
     actions = torch.rand(R, B, 2, generator=g) * 1.8 - 0.9
     discount = 0.97 * (torch.arange(B) % 5 > 0).expand(R, B)
     returns, noise = torch.randn(R, B, generator=g), torch.randn(2, R, B, 2, generator=g)
-    return Batch(states, actions, returns, discount, ahead, torch.full((R, 1), -1.0), torch.full((R, 1), 1.0)), noise
+    bounds = torch.full((R, 1), -1.0), torch.full((R, 1), 1.0)
+    return Batch(states, actions, None, returns, discount, ahead, *bounds), noise
 
 
 def stock(sac: Learner, r: int) -> SACLoss:
@@ -101,13 +104,26 @@ def test_losses_and_gradients_are_those_of_torchrl(norm: bool, depth: int, monke
         torch.testing.assert_close(sac._gradients.by_log_alpha[r], loss.log_alpha.grad.squeeze(), rtol=1e-5, atol=1e-6)
 
 
-def test_targets_stay_within_the_bounds_where_asked() -> None:
-    free, clipped = learner(), learner(target_clip=True)
+def test_targets_stay_within_what_rewards_and_entropy_allow() -> None:
+    """Each replica by its own temperature: [−1 − α·2·γ/(1−γ), 1 + α·2 log 2·γ/(1−γ)], for H̄ = −2."""
+    free, clipped = learner(discount=0.2), learner(discount=0.2, target_clip=True)
     data, noise = batch()
+    data = data._replace(returns=4 * data.returns)
     y = free._gradients(data, noise, free.log_alpha).target
-    assert y.min() < -1.0
-    assert y.max() > 1.0
-    assert torch.equal(clipped._gradients(data, noise, clipped.log_alpha).target, y.clamp(-1, 1))
+    found = clipped._gradients(data, noise, clipped.log_alpha).target
+    for r, alpha in enumerate(free.log_alpha.exp().tolist()):
+        low, high = -1 - alpha * 2 * 0.25, 1 + alpha * 2 * math.log(2) * 0.25
+        torch.testing.assert_close(found[r], y[r].clamp(low, high))
+        assert y[r].min() < low
+        assert y[r].max() > high
+
+
+def test_room_for_entropy_by_hand() -> None:
+    assert entropy_room(0.5, 3, -3.0) == pytest.approx((-3.0, 3 * math.log(2)))  # γ/(1 − γ) = 1
+    assert entropy_room(0.0, 2, -2.0) == (0.0, 0.0)  # nothing comes later
+    assert entropy_room(0.9, 1, 0.5) == pytest.approx((0.0, 9 * math.log(2)))
+    uniform = torch.distributions.Uniform(-torch.ones(3), torch.ones(3)).entropy().sum()
+    assert entropy_room(0.5, 3, 0.0)[1] == pytest.approx(float(uniform))
 
 
 def test_the_actor_is_left_alone_where_it_is_not_due() -> None:

@@ -1,4 +1,4 @@
-"""SAC as an optimizer of the trainer: what it remembers, how it is relabelled, how it acts."""
+"""SAC as an agent of the trainer: what it remembers, how it is relabelled, how it acts."""
 
 from __future__ import annotations
 
@@ -7,35 +7,38 @@ from typing import Any
 
 import pytest
 import torch
-from credit.core.interfaces import CreditAssigner
-from credit.core.trajectories import ContinuousProblem, Trajectories, TrajectoryDataset
 from torch import Tensor
 
 from credit.agents.sac.optimizer import SAC
 from credit.core.errors import RunError, UserError
+from credit.core.problem import Problem
+from credit.core.seams import CreditAssigner
+from credit.core.store import Store, Windows
+from credit.rivals.rules import Delayed
 
-MakeProblem = Callable[..., ContinuousProblem]
-Make = Callable[..., Trajectories]
+MakeProblem = Callable[..., Problem]
+Make = Callable[..., Windows]
 ROUNDS = [([[5, 3], [2, 4]], [[1.0, 0.0], [0.0, 0.0]]), ([[4], [6]], [[0.0], [1.0]]), ([[1], [2]], [[1.0], [1.0]])]
-REWARD = ("next", "reward")
 
 
 class Telling(CreditAssigner):
     """The reward of a step is its first number, times how often it was asked."""
 
+    learns = True
+
     def __init__(self) -> None:
         self.asked = 0
 
-    def start(self, problem: ContinuousProblem) -> None: ...
+    def start(self, problem: Problem) -> None: ...
 
-    def observe(self, dataset: TrajectoryDataset) -> None: ...
+    def observe(self, store: Store) -> None: ...
 
-    def rewards(self, windows: Trajectories) -> Tensor:
+    def rewards(self, windows: Windows) -> Tensor:
         self.asked += 1
-        return self.asked * windows.states[:, 0].double()
+        return self.asked * windows.states[..., 0].double()
 
 
-def small(problem: ContinuousProblem, **keys: Any) -> SAC:
+def small(problem: Problem, **keys: Any) -> SAC:
     sac = SAC(**({"width": 8, "updates": 2, "first_updates": 3, "batch": 8, "n_step": 2} | keys))
     sac.start(problem)
     return sac
@@ -43,71 +46,86 @@ def small(problem: ContinuousProblem, **keys: Any) -> SAC:
 
 def learned(
     make_continuous: MakeProblem, make: Make, seeds: tuple[int, ...] = (0, 1), rounds: int = 3, **keys: Any
-) -> tuple[SAC, TrajectoryDataset]:
+) -> tuple[SAC, Store]:
     """SAC after some rounds; what a seed (0 or 1) was given depends on the seed alone."""
     problem = make_continuous(seeds)
-    sac, dataset, assigner = small(problem, **keys), TrajectoryDataset(problem), Telling()
+    sac, store, assigner = small(problem, **keys), Store(problem), Telling()
     for number, (lengths, labels) in enumerate(ROUNDS[:rounds]):
         parts = [[of[seed] for seed in seeds] for of in (lengths, labels)]
-        dataset.append(make(*parts, seeds, first=10 * number))
-        sac.improve(dataset, assigner)
-    return sac, dataset
+        store.append(make(*parts, seeds, first=10 * number))
+        sac.improve(store, assigner)
+    return sac, store
 
 
-def test_all_that_is_remembered_is_relabelled_in_place(make_continuous: MakeProblem, make_trajectories: Make) -> None:
+def at(step: int, copies: int, replicas: int = 2) -> Tensor:
+    """The step of every copy."""
+    return torch.full((replicas, copies), step)
+
+
+def test_all_that_is_remembered_is_relabelled(make_continuous: MakeProblem, make_trajectories: Make) -> None:
     for rounds in (1, 2, 3):
-        sac, dataset = learned(make_continuous, make_trajectories, rounds=rounds, time_cost=0.25)
-        whole, stored = dataset.windows, sac.memory.buffer[:]
-        assert len(sac.memory) == len(whole) < sac.memory.capacity  # part-full: an assignment would change a copy
-        assert torch.equal(stored[REWARD][:, 0], (rounds * whole.states[:, 0].double() - 0.25).float())
-        for key, values in (
-            ("observation", whole.states),
-            ("action", whole.actions),
-            (("next", "observation"), whole.next_states),
-            ("replica", whole.replica),
-            (("next", "done"), whole.final),
-            (("next", "terminated"), whole.terminated),
-            (("next", "truncated"), whole.final & ~whole.terminated),
-            (("next", "success"), whole.to_steps(whole.labels) > 0),
-        ):
-            assert torch.equal(stored[key].view(values.shape), values), key
+        sac, store = learned(make_continuous, make_trajectories, rounds=rounds, time_cost=0.25)
+        whole = store.windows
+        for r in range(2):
+            count = len(whole) if whole.count is None else int(whole.count[r])
+            expected = (rounds * whole.states[r, :count, 0].double() - 0.25).float()
+            assert torch.equal(sac.memory.rewards[r, :count], expected)
+        assert sac.memory.windows.states.data_ptr() == whole.states.data_ptr()  # nothing is copied
 
 
-def test_trajectories_have_ids_of_their_own(make_continuous: MakeProblem, make_trajectories: Make) -> None:
-    sac, _ = learned(make_continuous, make_trajectories)
-    ids, lengths = torch.unique_consecutive(sac.memory.rows["collector", "traj_ids"], return_counts=True)
-    assert lengths.tolist() == [5, 3, 2, 4, 4, 6, 1, 2]  # in the order in which they came
-    assert sorted(ids.tolist()) == list(range(8))
+def test_it_may_go_on_for_ever_and_see_numbers() -> None:
+    """Windows of one length that follow each other, states that are numbers: sums run from one into the next."""
+    space = Problem.vectors(1, 2, 4, (0, 1))
+    finite = Problem.finite(5, 2, 4, (0, 1))
+    problem = Problem(finite.observation_space, space.action_space, 4, (0, 1), finite.device, episodic=False)
+    sac, store = small(problem, prefer="none"), Store(problem)
+    generator = torch.Generator().manual_seed(0)
+    for _ in range(3):
+        path = torch.randint(5, (2, 2, 4), generator=generator)
+        force = torch.rand(2, 2, 4, 2, generator=generator) * 2 - 1
+        store.append(Windows.of_grid(path, force, path, torch.rand(2, 2, generator=generator).double()))
+        sac.improve(store, Delayed())
+    batch = sac.memory.sample(500)[0]
+    assert (batch.discount > 0).all()
+    labels = Delayed().rewards(store.windows).float()
+    rows = torch.arange(24)
+    two = labels + 0.99 * torch.nn.functional.pad(labels, (0, 1))[:, 1:]
+    torch.testing.assert_close(sac.memory.at(rows.expand(2, -1)).returns, two)
+    for step in range(9):
+        actions = sac.act(torch.randint(5, (2, 1), generator=generator), at(step % 4, 1))
+        assert actions.shape == (2, 1, 2)
+    values = [policy.act(torch.arange(5).expand(2, -1), at(0, 5)) for policy in sac.policies().values()]
+    assert all(len(value[0].unique(dim=0)) == 5 for value in values)  # every state has an action of its own
 
 
-def test_room_that_grows_keeps_rows_and_streams(make_continuous: MakeProblem, make_trajectories: Make) -> None:
-    sac, dataset = learned(make_continuous, make_trajectories, rounds=1)
-    roomy, _ = learned(make_continuous, make_trajectories, rounds=1)
-    capacity = sac.memory.capacity
-    roomy.memory.reserve(10_000)
-    for number in range(1, 5):
-        dataset.append(make_trajectories([[9], [7]], [[1.0], [0.0]], first=50 * number))
-        for learner in (sac, roomy):
-            learner.improve(dataset, Telling())
-    assert sac.memory.capacity > capacity
-    assert roomy.memory.capacity == 10_000
-    assert torch.equal(sac.memory.rows["observation"], dataset.windows.states)
-    assert torch.equal(sac.actor.flat, roomy.actor.flat)  # the same batches were drawn
-
-
-def test_a_share_of_a_batch_is_of_trajectories_with_a_positive_label(
+def test_a_share_of_a_batch_is_of_trajectories_with_the_label_one(
     make_continuous: MakeProblem, make_trajectories: Make
 ) -> None:
-    sac, dataset = learned(make_continuous, make_trajectories, success_share=0.5)
+    sac, store = learned(make_continuous, make_trajectories, success_share=0.5)
     batch = sac.memory.sample(400)[0]
-    whole = dataset.windows
+    whole = store.windows
     for r in range(2):
-        won = whole.states[(whole.replica == r) & (whole.to_steps(whole.labels) > 0)]
+        count = len(whole) if whole.count is None else int(whole.count[r])
+        own = whole.states[r, :count]
+        won = own[whole.to_steps(whole.labels)[r, :count] > 0]
         hits = (batch.observation[r].unsqueeze(1) == won).all(-1).any(-1)
         assert hits[:200].all()
         assert 0 < hits[200:].sum() < 200
-        found = {tuple(row) for row in batch.observation[r].tolist()}
-        assert found == {tuple(row) for row in whole.states[whole.replica == r].tolist()}
+        assert {tuple(row) for row in batch.observation[r].tolist()} == {tuple(row) for row in own.tolist()}
+
+
+def test_labels_that_are_no_bits_are_refused_or_their_best_preferred(
+    make_continuous: MakeProblem, make_trajectories: Make
+) -> None:
+    problem = make_continuous((0,))
+    store = Store(problem)
+    store.append(make_trajectories([[2, 3, 4]], [[-1.5, 0.25, 2.0]]))
+    with pytest.raises(UserError, match=r"optimizer\.prefer=success.*-1\.5"):
+        small(problem).improve(store, Telling())
+    sac = small(problem, prefer="top", success_share=1.0)
+    sac.improve(store, Telling())
+    drawn = {tuple(row) for row in sac.memory.sample(200)[0].observation[0].tolist()}
+    assert drawn == {tuple(row) for row in store.windows.states[0, 5:].tolist()}
 
 
 @pytest.mark.parametrize("first", [1, 2])
@@ -119,19 +137,20 @@ def test_a_replica_learns_and_acts_alone_as_in_a_batch(
         alone, _ = learned(make_continuous, make_trajectories, (seed,))
         both, _ = learned(make_continuous, make_trajectories)
         for copies in (first, 3):
-            own = states[:copies]
-            side_by_side = own.repeat(2, 1)
+            own = states[:copies].unsqueeze(0)
+            side_by_side = own.repeat(2, 1, 1)
             for step in (*range(9), *range(4), 0):  # rounds of different length
-                mine = slice(copies * seed, copies * (seed + 1))
-                torch.testing.assert_close(alone.act(own, step), both.act(side_by_side, step)[mine])
+                mine = alone.act(own, at(step, copies, 1))
+                torch.testing.assert_close(mine[0], both.act(side_by_side, at(step, copies))[seed])
             for name, policy in alone.policies().items():
-                torch.testing.assert_close(policy(own, 0), both.policies()[name](side_by_side, 0)[mine])
+                mine = policy.act(own, at(0, copies, 1))
+                torch.testing.assert_close(mine[0], both.policies()[name].act(side_by_side, at(0, copies))[seed])
 
 
 def test_acting_depends_on_the_seed(make_continuous: MakeProblem) -> None:
-    states = torch.zeros(2, 4)
+    states = torch.zeros(2, 1, 4)
     first, again, other = (small(make_continuous(seeds)) for seeds in ((1, 2), (1, 2), (3, 4)))
-    actions = [torch.stack([sac.act(states, step) for step in range(9)]) for sac in (first, again, other)]
+    actions = [torch.stack([sac.act(states, at(step, 1)) for step in range(9)]) for sac in (first, again, other)]
     assert torch.equal(actions[0], actions[1])
     assert not torch.equal(actions[0], actions[2])
     assert not torch.equal(actions[0][:, 0], actions[0][:, 1])
@@ -142,17 +161,18 @@ def test_acting_depends_on_the_seed(make_continuous: MakeProblem) -> None:
 def test_policies_are_without_noise_and_take_none(make_continuous: MakeProblem, make_trajectories: Make) -> None:
     sac, _ = learned(make_continuous, make_trajectories)
     twin, _ = learned(make_continuous, make_trajectories)
-    states = torch.randn(4, 4, generator=torch.Generator().manual_seed(1))
+    states = torch.randn(2, 2, 4, generator=torch.Generator().manual_seed(1))
     policies = sac.policies()
     assert policies.keys() == {"behaviour", "averaged"}
+    start = {name: policy.act(states, at(0, 2)) for name, policy in policies.items()}
     for step in range(3):
-        for policy in policies.values():
-            assert torch.equal(policy(states, step), policy(states, 0))
-            assert policy(states, step).abs().max() < 1
-    assert not torch.equal(policies["behaviour"](states, 0), policies["averaged"](states, 0))
+        for name, policy in policies.items():
+            assert torch.equal(policy.act(states, at(step, 2)), start[name])
+    assert all(value.abs().max() < 1 for value in start.values())
+    assert not torch.equal(start["behaviour"], start["averaged"])
     for step in range(3):  # evaluations between do not change what is explored
-        policies["behaviour"](states, step)
-        assert torch.equal(sac.act(states, step), twin.act(states, step))
+        policies["behaviour"].act(states, at(step, 2))
+        assert torch.equal(sac.act(states, at(step, 2)), twin.act(states, at(step, 2)))
 
 
 def test_updates_of_a_round_and_what_is_told_of_them(make_continuous: MakeProblem, make_trajectories: Make) -> None:
@@ -170,20 +190,22 @@ def test_updates_of_a_round_and_what_is_told_of_them(make_continuous: MakeProble
 
 @pytest.mark.parametrize("network", ["actor", "critic"])
 def test_a_weight_that_is_no_number_stops(make_continuous: MakeProblem, make_trajectories: Make, network: str) -> None:
-    sac, dataset = learned(make_continuous, make_trajectories, rounds=1, policy_delay=9)  # no update of the actor
+    sac, store = learned(make_continuous, make_trajectories, rounds=1, policy_delay=9)  # no update of the actor
     getattr(sac, network).blocks[0][-1].fill_(torch.nan)
-    dataset.append(make_trajectories(*ROUNDS[1]))
+    store.append(make_trajectories(*ROUNDS[1]))
     with pytest.raises(RunError, match=rf"SAC: a weight of the {network} of seed 1 is not finite after 5 updates"):
-        sac.improve(dataset, Telling())
+        sac.improve(store, Telling())
 
 
 def test_a_reward_that_is_no_number_stops(make_continuous: MakeProblem, make_trajectories: Make) -> None:
     class Broken(Telling):
-        def rewards(self, windows: Trajectories) -> Tensor:
-            return torch.where(windows.replica == 1, torch.nan, super().rewards(windows))
+        def rewards(self, windows: Windows) -> Tensor:
+            found = super().rewards(windows)
+            found[1] = torch.nan
+            return found
 
     problem = make_continuous((3, 4))
-    sac, dataset = small(problem), TrajectoryDataset(problem)
-    dataset.append(make_trajectories(*ROUNDS[0]))
+    sac, store = small(problem), Store(problem)
+    store.append(make_trajectories(*ROUNDS[0]))
     with pytest.raises(RunError, match="of seed 4 is not finite after 3 updates; are the rewards finite"):
-        sac.improve(dataset, Broken())
+        sac.improve(store, Broken())

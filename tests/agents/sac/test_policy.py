@@ -12,7 +12,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 from credit.agents.sac.learner import Learner
 from credit.agents.sac.networks import extract_actor
 from credit.agents.sac.policy import Policy
-from credit.data.trajectory_replay import Replay
+from credit.data.replay import Replay
 
 Make = Callable[..., tuple[Learner, Replay]]
 

@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import torch
 
-from credit.core.types import Problem, Steps
+from credit.core.problem import Problem
+from credit.core.steps import Steps
 from credit.recovery.features.tabular import Bilinear, Identity, Threshold
 
 CPU = torch.device("cpu")

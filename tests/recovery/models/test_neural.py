@@ -9,19 +9,31 @@ from typing import Any
 import pytest
 import torch
 import torch.nn.functional as F
-from credit.core.continuous import NetworkUncertainty, Posterior
-from credit.core.trajectories import ContinuousProblem, Moves, Trajectories
 from torch import Tensor
 
+from credit.core.belief import Estimate
 from credit.core.errors import RunError
+from credit.core.problem import Problem
+from credit.core.steps import Steps
+from credit.core.store import Windows
 from credit.core.streams import generators
 from credit.networks.stack import Stack
 from credit.recovery.features.motion import Motion
 from credit.recovery.models.batches import balanced, every, padding
 from credit.recovery.models.neural import NeuralModel, gradient
-from credit.recovery.uncertainty.networks import Dropout, Ensemble, LastLayer, Predictor
+from credit.recovery.places import Rows
+from credit.recovery.uncertainty.networks import (
+    Dropout,
+    Ensemble,
+    LastLayer,
+    NetworkUncertainty,
+    Posterior,
+    Predictor,
+)
 
-MakeWalks = Callable[..., tuple[ContinuousProblem, Trajectories]]
+from ..fits import Experience, first
+
+MakeWalks = Callable[..., tuple[Problem, Windows]]
 KINDS: list[Callable[[], NetworkUncertainty]] = [Dropout, Ensemble, LastLayer]
 
 
@@ -30,21 +42,29 @@ def model(uncertainty: NetworkUncertainty | None = None, **keys: Any) -> NeuralM
     return NeuralModel("dnn", Motion(), uncertainty or LastLayer(), **(small | keys))
 
 
-def fitted(problem: ContinuousProblem, walks: Trajectories, *fits: int, **keys: Any) -> NeuralModel:
+def started(problem: Problem, uncertainty: NetworkUncertainty | None = None, **keys: Any) -> NeuralModel:
+    made = model(uncertainty, **keys)
+    made.start(problem, Rows(problem))
+    return made
+
+
+def fitted(problem: Problem, walks: Windows, *fits: int, **keys: Any) -> NeuralModel:
     """A model after fits to the first so many trajectories."""
-    made = model(**keys)
-    made.start(problem)
+    made = started(problem, **keys)
     for count in fits or (walks.labels.shape[1],):
         part = first(walks, count)
         made.fit(made.features(part), part)
     return made
 
 
-def first(walks: Trajectories, count: int) -> Trajectories:
-    """The first trajectories of each replica."""
-    own = walks.number < count
-    names = ("states", "actions", "next_states", "replica", "number", "final", "terminated")
-    return Trajectories(*(getattr(walks, name)[own] for name in names), labels=walks.labels[:, :count])
+def believed(made: NeuralModel, walks: Windows) -> list[Estimate]:
+    """What is predicted of the rows of each replica that mean something, [R, n] of all replicas."""
+    return [made.believe(steps_of(walks, replica)) for replica in range(len(walks.labels))]
+
+
+def steps_of(walks: Windows, replica: int) -> Steps:
+    rows = slice(None) if walks.count is None else slice(int(walks.count[replica]))
+    return Steps(walks.states[replica, rows], walks.actions[replica, rows], walks.next_states[replica, rows])
 
 
 @pytest.mark.parametrize("stride", [1, 3, 12, 100])
@@ -54,7 +74,7 @@ def test_every_step_counts_once(make_walks: MakeWalks, stride: int) -> None:
     assert steps.rows.shape == steps.weights.shape == (2, 7, padding(stride, problem.window))
     for replica in range(2):
         for number in range(7):
-            own = ((walks.replica == replica) & (walks.number == number)).nonzero().flatten().tolist()
+            own = (walks.number[replica] == number).nonzero().flatten().tolist()
             stands_for: dict[int, int] = {}
             for place in range(len(own)):  # every step is stood for by the next one that is kept
                 kept = next(k for k in range(place, len(own)) if (len(own) - 1 - k) % stride == 0)
@@ -65,10 +85,18 @@ def test_every_step_counts_once(make_walks: MakeWalks, stride: int) -> None:
             assert set(rows.tolist()) <= set(own)
 
 
-def test_batches_are_half_successes() -> None:
+def drawn(labels: list[float], balance: Any = "auto") -> tuple[set[int], set[int]]:
+    """Which windows stand in the first two places of batches of five, and which in the others."""
+    uniform = torch.rand(1, 500, 5, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    chosen = balanced(torch.tensor([labels]), uniform, balance)[0]
+    return set(chosen[:, :2].unique().tolist()), set(chosen[:, 2:].unique().tolist())
+
+
+@pytest.mark.parametrize("balance", ["auto", "bits"])
+def test_batches_are_half_successes(balance: Any) -> None:
     labels = torch.tensor([[0.0, 1, 0, 0, 1, 0], [1, 1, 1, 1, 1, 1], [0, 0, 0, 0, 0, 0]])
     uniform = torch.rand(3, 500, 5, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
-    chosen = balanced(labels, uniform)
+    chosen = balanced(labels, uniform, balance)
     assert chosen.shape == (3, 500, 5)
     assert set(chosen[0, :, :2].unique().tolist()) == {1, 4}
     assert set(chosen[0, :, 2:].unique().tolist()) == {0, 2, 3, 5}
@@ -76,7 +104,45 @@ def test_batches_are_half_successes() -> None:
         assert set(chosen[replica].unique().tolist()) == set(range(6))
     counts = torch.bincount(chosen[0, :, 2:].flatten())[torch.tensor([0, 2, 3, 5])]
     assert (counts - 375).abs().max() < 75
-    assert torch.equal(balanced(labels[:1], uniform[:1]), chosen[:1])
+    assert torch.equal(balanced(labels[:1], uniform[:1], balance), chosen[:1])
+
+
+def test_batches_of_real_labels_are_half_from_the_upper_half() -> None:
+    # all are above zero: by `Y > 0` every one would be a success
+    labels = [0.3, 2.0, 0.1, 5.0, 0.2, 9.0]
+    assert drawn(labels) == drawn(labels, "quantiles") == ({1, 3, 5}, {0, 2, 4})
+    assert drawn([-value for value in labels]) == ({0, 2, 4}, {1, 3, 5})
+    assert drawn([3.0, 1.0, 2.0]) == ({0}, {1, 2})  # the middle one is among the lower
+    assert drawn(labels, "bits") == ({3, 5}, {0, 1, 2, 4})  # above 4.55, the middle of .1 and 9
+    assert drawn(labels, "none") == (set(range(6)), set(range(6)))
+
+
+@pytest.mark.parametrize("bits", [(-1.0, 1.0), (0.0, 0.25), (-3.0, -2.0), (0.0, 1.0)])
+def test_labels_of_two_values_are_bits_whatever_they_are(bits: tuple[float, float]) -> None:
+    low, high = bits
+    assert drawn([low, high, low, low]) == ({1}, {0, 2, 3})
+    assert drawn([low, high, low, low], "quantiles") == ({0, 1}, {2, 3})  # ties in the order in which they came
+    assert drawn([low, low]) == ({0, 1}, {0, 1})
+    assert drawn([low]) == ({0}, {0})
+
+
+def test_each_replica_is_balanced_by_its_own_labels() -> None:
+    labels = torch.tensor([[0.0, 1, 0, 0], [0.3, 2, 0.1, 5]])
+    uniform = torch.rand(2, 500, 5, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    chosen = balanced(labels, uniform)
+    for replica in range(2):
+        assert torch.equal(balanced(labels[replica : replica + 1], uniform[replica : replica + 1])[0], chosen[replica])
+    assert set(chosen[1, :, :2].unique().tolist()) == {1, 3}
+    with pytest.raises(ValueError, match=r"labels \[2, 4\], uniform \[1, 500, 5\]"):
+        balanced(labels, uniform[:1])
+
+
+def test_a_model_balances_as_it_is_told(make_walks: MakeWalks) -> None:
+    problem, walks = make_walks((3,), 9)
+    weights = {how: fitted(problem, walks, balance=how).networks.flat for how in ("auto", "quantiles", "bits", "none")}
+    assert torch.equal(weights["auto"], weights["quantiles"])  # sums are real numbers
+    assert not torch.equal(weights["auto"], weights["none"])
+    assert not torch.equal(weights["auto"], weights["bits"])
 
 
 def test_gradient_is_that_of_the_loss() -> None:
@@ -99,7 +165,7 @@ def test_gradient_is_that_of_the_loss() -> None:
 class Fixed(NetworkUncertainty):
     """Masks and offsets that a test knows."""
 
-    def posterior(self, networks: Stack, problem: ContinuousProblem, name: str) -> Posterior:
+    def posterior(self, networks: Stack, problem: Problem, name: str) -> Posterior:
         return FixedPosterior(networks)
 
 
@@ -122,12 +188,12 @@ class FixedPosterior(Posterior):
 @pytest.mark.parametrize("kind", ["sum", "success"])
 def test_fits_descend_the_loss_as_autograd_and_torchs_adam_do(make_walks: MakeWalks, kind: str) -> None:
     problem, walks = make_walks((3,), 9, kind)
-    ours = model(Fixed(), first_steps=4, sparsity=0.2, stride=5)
-    ours.start(problem)
+    ours = started(problem, Fixed(), first_steps=4, sparsity=0.2, stride=5)
     weights = [block[0].clone().requires_grad_() for block in ours.networks.blocks]
     adam = torch.optim.Adam(weights, lr=1e-3)
     inputs = ours.features(walks)
     ours.fit(inputs, walks)
+    inputs = inputs[0]
 
     deviation = torch.cat([inputs.std(0, correction=0)[:2], torch.ones(1)])  # the action is a constant
     scaled = (inputs - inputs.mean(0)) / deviation
@@ -157,26 +223,25 @@ def test_a_replica_is_fitted_alone_as_in_a_batch(
 ) -> None:
     problem, walks = make_walks((3, 8, 5), 12, "success")
     together = fitted(problem, walks, 8, 12, uncertainty=kind(), width=width)
-    mean, variance = together.predict(together.features(walks), walks)
     for replica, seed in enumerate(problem.seeds):
         alone_problem, alone_walks = make_walks((seed,), 12, "success")
         alone = fitted(alone_problem, alone_walks, 8, 12, uncertainty=kind(), width=width)
-        own = walks.replica == replica
-        for whole, part in zip((mean, variance), alone.predict(alone.features(alone_walks), alone_walks), strict=True):
-            torch.testing.assert_close(whole[own], part, rtol=1e-4, atol=1e-6)
-            assert part.dtype == torch.float32
-            assert part.isfinite().all()
+        whole, own = together.believe(steps_of(walks, replica)), alone.believe(steps_of(alone_walks, 0))
+        for left, right in ((whole.mean[replica], own.mean[0]), (whole.variance[replica], own.variance[0])):
+            torch.testing.assert_close(left, right, rtol=1e-4, atol=1e-6)
+            assert right.dtype == torch.float32
+            assert right.isfinite().all()
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_one_seed_gives_one_result(make_walks: MakeWalks, kind: Callable[[], NetworkUncertainty]) -> None:
     problem, walks = make_walks((3, 4), 8)
     one, two = (fitted(problem, walks, uncertainty=kind()) for _ in range(2))
-    for left, right in zip(
-        one.predict(one.features(walks), walks), two.predict(two.features(walks), walks), strict=True
-    ):
-        assert torch.equal(left, right)
-        assert left[walks.replica == 0][:20].ne(left[walks.replica == 1][:20]).all()
+    for left, right in zip(believed(one, walks), believed(two, walks), strict=True):
+        assert torch.equal(left.mean, right.mean)
+        assert torch.equal(left.variance, right.variance)
+        assert left.mean[0].ne(left.mean[1]).all()
+        assert left.variance[0].ne(left.variance[1]).all()
 
 
 def test_what_is_not_finite_is_refused_by_name(make_walks: MakeWalks) -> None:
@@ -186,7 +251,7 @@ def test_what_is_not_finite_is_refused_by_name(make_walks: MakeWalks) -> None:
     with pytest.raises(RunError, match=r"'dnn'.*seed 8 is not finite after fit 1"):
         fitted(problem, replace(walks, labels=labels))
     states = walks.states.clone()
-    states[(walks.replica != 1).nonzero()[5]] = torch.inf
+    states[0, 5] = torch.inf
     with pytest.raises(RunError, match=r"seed 3 is not"):
         fitted(problem, replace(walks, states=states))
     made = fitted(problem, walks)
@@ -195,16 +260,15 @@ def test_what_is_not_finite_is_refused_by_name(make_walks: MakeWalks) -> None:
         made.fit(made.features(walks), walks)
 
 
-def test_it_finds_the_reward_of_steps_from_sums(make_walks: MakeWalks, square: tuple[Moves, Tensor]) -> None:
+def test_it_finds_the_reward_of_steps_from_sums(make_walks: MakeWalks, square: tuple[Steps, Tensor]) -> None:
     problem, walks = make_walks((0,), 60)
     made = fitted(problem, walks, width=32, first_steps=400, batch=16, sparsity=0.0)
-    mean, _ = made.predict(made.features(walks), walks)
-    sums = walks.sums(mean)[0]
+    sums = walks.sums(made.believe(steps_of(walks, 0)).mean)[0]
     assert torch.corrcoef(torch.stack([sums.double(), walks.labels[0]]))[0, 1] > 0.95
     assert abs((sums - walks.labels[0]).mean()) < 0.1
     moves, worth = square
     seen = moves.states[:, 0] < 0.2
-    mean, _ = made.predict(made.features(moves), moves)
+    mean = made.believe(moves).mean[0]
     ranks = torch.stack([values[seen].argsort().argsort().double() for values in (mean, worth)])
     assert torch.corrcoef(ranks)[0, 1] > 0.9
 
@@ -214,7 +278,7 @@ def test_sparsity_makes_rewards_small(make_walks: MakeWalks) -> None:
     sizes = []
     for sparsity in (0.0, 0.5):
         made = fitted(problem, walks, first_steps=200, sparsity=sparsity)
-        sizes.append(made.predict(made.features(walks), walks)[0].abs().mean())
+        sizes.append(made.believe(steps_of(walks, 0)).mean.abs().mean())
     assert sizes[1] < 0.8 * sizes[0]
 
 
@@ -231,36 +295,50 @@ def test_later_fits_go_on_from_the_last(make_walks: MakeWalks) -> None:
 def test_inputs_are_standardised_by_what_the_first_fit_saw(make_walks: MakeWalks) -> None:
     problem, walks = make_walks((0, 1), 20)
     made = fitted(problem, walks, learning_rate=1e-12)
-    inputs = made.features(walks)
-    before, _ = made.predict(inputs, walks)
+    inputs, steps = made.features(walks), steps_of(walks, 0)
+    before = made.believe(steps).mean
     made.fit(3 * inputs + 5, walks)
-    assert torch.equal(made.predict(inputs, walks)[0], before)
+    assert torch.equal(made.believe(steps).mean, before)
     for replica in range(2):  # what networks saw had mean zero and deviation one
-        own = inputs[walks.replica == replica]
+        own = made.features(steps_of(walks, replica))
         seen = (own - made._mean[replica]) * made._scale[replica]
         torch.testing.assert_close(seen.mean(0), torch.zeros(3), atol=1e-5, rtol=0)
         torch.testing.assert_close(seen.std(0, correction=0), torch.tensor([1.0, 1.0, 0.0]))
 
 
-def test_the_order_of_rows_does_not_matter(make_walks: MakeWalks) -> None:
+def test_the_order_of_steps_does_not_matter(make_walks: MakeWalks) -> None:
     problem, walks = make_walks((0, 1), 400)
     made = fitted(problem, first(walks, 5))
-    inputs = made.features(walks)
-    assert len(walks) > 2 * 4096  # several parts
-    order = torch.randperm(len(walks), generator=torch.Generator().manual_seed(0))
-    moved = Moves(walks.states[order], walks.actions[order], walks.next_states[order], walks.replica[order])
-    for there, here in zip(made.predict(inputs[order], moved), made.predict(inputs, walks), strict=True):
-        torch.testing.assert_close(there, here[order])
+    steps = steps_of(walks, 1)
+    assert len(steps.states) > 4096  # several parts
+    order = torch.randperm(len(steps.states), generator=torch.Generator().manual_seed(0))
+    moved = made.believe(Steps(steps.states[order], steps.actions[order], steps.next_states[order]))
+    there = made.believe(steps)
+    torch.testing.assert_close(moved.mean, there.mean[:, order])
+    torch.testing.assert_close(moved.variance, there.variance[:, order])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_places_are_the_steps_that_came(make_walks: MakeWalks, kind: Callable[[], NetworkUncertainty]) -> None:
+    problem, walks = make_walks((0, 1), 12)
+    made = model(kind())
+    Experience(problem, made).see(walks)
+    at = torch.tensor([[5, 5, 0], [17, 2, 90]])
+    whole, some = made.estimate(), made.estimate(at)
+    torch.testing.assert_close(some.mean, whole.mean.gather(1, at))
+    torch.testing.assert_close(some.variance, whole.variance.gather(1, at))
+    for replica, steps in enumerate(believed(made, walks)):
+        rows = steps.mean.shape[1]
+        torch.testing.assert_close(whole.mean[replica, :rows], steps.mean[replica])
+        assert (whole.mean[replica, rows:] == 0).all()
 
 
 def test_before_there_are_trajectories(make_walks: MakeWalks) -> None:
     problem, walks = make_walks((0, 1), 4)
     made = model(Dropout())
-    made.start(problem)
-    empty = first(walks, 0)
-    made.fit(made.features(empty), empty)
-    mean, variance = made.predict(made.features(walks), walks)
-    assert mean.isfinite().all()
-    assert (variance > 0).any()
-    made.fit(made.features(walks), walks)  # the first fit, with its own number of steps
+    experience = Experience(problem, made).see(first(walks, 0))
+    found = made.believe(steps_of(walks, 0))
+    assert found.mean.isfinite().all()
+    assert (found.variance > 0).any()
+    experience.see(walks)  # the first fit, with its own number of steps
     assert made.networks.flat.equal(fitted(problem, walks, uncertainty=Dropout()).networks.flat)

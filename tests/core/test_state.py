@@ -11,8 +11,8 @@ import pytest
 import torch
 
 from credit.core.component import Component
+from credit.core.problem import Problem
 from credit.core.state import Stateful, pack, unpack
-from credit.core.types import Problem
 from credit.runs import checkpoint
 
 

@@ -1,0 +1,65 @@
+"""What windows must be before anybody learns from them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor
+
+from credit.core.errors import UserError
+from credit.core.problem import Problem
+
+if TYPE_CHECKING:
+    from credit.core.store import Windows
+
+
+def check_windows(windows: Windows, problem: Problem) -> None:
+    """Refuse windows that do not fit a problem: a model would take action 2 of 2 for the next state's action 0.
+
+    Args:
+        windows: K windows of each of R replicas. problem: in whose spaces they must lie.
+
+    Raises:
+        UserError: a shape, a border, a label, a state or an action is not what it must be; with the value and where.
+    """
+    replicas, count = windows.labels.shape
+    if replicas != problem.replicas:
+        raise UserError(f"windows of {replicas} replicas, and the problem has {problem.replicas} (one a seed)")
+    if windows.length is not None and len(windows) != count * windows.length:
+        raise UserError(f"{len(windows)} rows are not {count} windows of {windows.length} steps")
+    if windows.last is not None:
+        rows = len(windows) if windows.count is None else windows.count.unsqueeze(1)
+        allowed = "windows have at least one row each, and lie within the rows of their replica"
+        _refuse((windows.lengths > 0) & (windows.last < rows), windows.last, "last row", "window", problem, allowed)
+    _refuse(windows.labels.isfinite(), windows.labels, "label", "window", problem, "labels are finite numbers")
+    state = problem.states if problem.finite_states else None
+    action = problem.actions if problem.finite_actions else None
+    _check_column(windows, windows.states, "state", state, problem, problem.observation_space.shape)
+    _check_column(windows, windows.actions, "action", action, problem, problem.action_space.shape)
+    _check_column(windows, windows.next_states, "next state", state, problem, problem.observation_space.shape)
+
+
+def _check_column(
+    windows: Windows, values: Tensor, what: str, size: int | None, problem: Problem, shape: tuple[int, ...] | None
+) -> None:
+    """Refuse a column of rows that does not lie in a space of `size` numbers, or of vectors of some shape."""
+    wanted = (len(windows.labels), len(windows), *(shape or ()))
+    if values.shape != wanted:
+        raise UserError(f"{what}s have the shape {list(values.shape)}, and here they must have {list(wanted)}")
+    if size is None:
+        good, allowed = values.isfinite().flatten(2).all(-1), f"{what}s are finite numbers"
+    elif values.dtype != torch.int64:
+        raise UserError(f"{what}s are {values.dtype}, and here they are whole numbers, torch.int64")
+    else:
+        good, allowed = (values >= 0) & (values < size), f"{what}s are whole numbers from 0 to {size - 1}"
+    _refuse(good if windows.valid is None else good | ~windows.valid, values, what, "row", problem, allowed)
+
+
+def _refuse(good: Tensor, values: Tensor, what: str, unit: str, problem: Problem, allowed: str) -> None:
+    """Raise UserError with the first value that is not good [R, n]."""
+    if good.all():
+        return
+    replica, place = (int(i) for i in (~good).nonzero()[0])
+    found = values[replica, place].tolist()
+    raise UserError(f"{unit} {place} of seed {problem.seeds[replica]} has the {what} {found}: {allowed}")

@@ -1,0 +1,90 @@
+"""What a run folder says of its run: one row of the table of runs, and its arrays."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from credit.core.errors import UserError
+from credit.report.provenance import code_of
+from credit.report.settings import read_setting, variant
+
+
+def read_run(folder: Path, settings: dict[str, str]) -> dict[str, Any]:
+    """The row of a finished run: what it is, and its final metrics.
+
+    Args:
+        folder: of the run.
+        settings: what is known by configuration hash, since YAML is slow to read; is added to.
+
+    Raises:
+        UserError: its summary or its configuration is damaged.
+    """
+    name = "summary.json"
+    try:
+        summary = json.loads((folder / name).read_text(encoding="utf-8"))
+        row = _row(summary, folder)
+        name = "config.yaml"
+        if row["config_hash"] not in settings:
+            settings[row["config_hash"]] = read_setting(folder)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise UserError(unusable(folder, name, error)) from error
+    return row | {"setting": settings[row["config_hash"]]}
+
+
+@contextmanager
+def arrays(folder: str | Path, name: str) -> Iterator[Mapping[str, Any]]:
+    """The arrays of a finished run by their names, read when they are asked for, and only inside the `with`.
+
+    Args:
+        folder: of the run. name: of the file, such as `recovery.npz`.
+
+    Raises:
+        UserError: the file is damaged, or has not what it is asked for.
+    """
+    try:
+        with np.load(Path(folder) / name, allow_pickle=False) as data:
+            yield data
+    except (OSError, EOFError, ValueError, LookupError, TypeError, zipfile.BadZipFile, zlib.error) as error:
+        raise UserError(unusable(Path(folder), name, error)) from error
+
+
+def unusable(folder: Path, name: str, error: Exception) -> str:
+    """What is said of a file of a finished run that is damaged.
+
+    Args:
+        folder: of the run. name: of the file. error: why it cannot be used.
+    """
+    return (
+        f"{folder} is marked as finished, but its {name} cannot be used ({type(error).__name__}: {error}). "
+        "Restore the file, or move the folder elsewhere and run this seed again."
+    )
+
+
+def setting_of_unfinished(folder: Path) -> str:
+    """The setting of a run without a summary; "" where its configuration cannot be read."""
+    try:
+        return read_setting(folder)
+    except (OSError, ValueError):
+        return ""
+
+
+def _row(summary: dict[str, Any], folder: Path) -> dict[str, Any]:
+    metrics = {name: np.nan if value is None else float(value) for name, value in summary["metrics"].items()}
+    return {
+        "method": summary["method"],
+        "slug": variant(summary["slug"]),
+        "seed": int(summary["seed"]),
+        "name": summary.get("paper", {}).get("name", summary["method"]),
+        "folder": str(folder),
+        "config_hash": summary["config_hash"],
+        **code_of(summary),
+        **metrics,
+    }
