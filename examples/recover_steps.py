@@ -13,7 +13,8 @@ from torch import Tensor
 from credit.core.problem import Problem
 from credit.core.seams import FeatureMap
 from credit.core.steps import Steps
-from credit.core.store import Episode, Store, Windows
+from credit.core.store import Store
+from credit.core.windows import Episode, Windows
 from credit.recovery.features.motion import Motion
 from credit.recovery.mixers import RelativeMSE
 from credit.recovery.models.linear import LinearModel

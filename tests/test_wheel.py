@@ -16,7 +16,9 @@ import credit
 ROOT = Path(__file__).resolve().parents[1]
 # `credit` on the package index is somebody else's: an extra of it, or its name behind `install`
 STRANGER = re.compile(
-    r"(?<![\w.-])credit\\?\[[a-z{]|\b(?:install|add)\b[^\n#]*[\s'\"]credit(?:[=<>~]=?[\d'\"]|['\"`\s]|$)", re.M
+    r"(?<![\w.-])credit\\?\[[a-z{]"
+    r"|\b(?:pip3?|pipx|uv|poetry|conda)\b[^\n#]*\b(?:install|add)\b[^\n#]*[\s'\"]credit(?:[=<>~]=?[\d'\"]|['\"`\s]|$)",
+    re.M,
 )
 PLACES = ("credit", "conf", "launch", "examples", "docs", "tests", ".ci")
 
@@ -58,6 +60,7 @@ def test_the_wheel_trains_outside_the_checkout(tmp_path):
         ('"credit[slurm]", "credit[ray]"', True),
         ("pip install 'credit-rl[video]'", False),
         ("pip install -e '.[server]'", False),
+        ("install -d -o credit /srv/credit", False),
         ("an index of credit: pip install torch", False),
     ],
 )

@@ -161,8 +161,8 @@ def test_a_signal_in_the_last_round_lets_no_other_job_begin(folder, monkeypatch)
 
     learn = Trainer._learn
 
-    def last(trainer: Trainer, *experience: Any) -> None:
-        learn(trainer, *experience)
+    def last(trainer: Trainer, *experience: Any, **how: Any) -> None:
+        learn(trainer, *experience, **how)
         if trainer.collected == 20:
             os.kill(os.getpid(), signal.SIGTERM)
 

@@ -17,13 +17,6 @@ def run(name: str) -> dict[str, float]:
     return found
 
 
-def test_a_table_is_recovered_from_windows(capsys: pytest.CaptureFixture[str]) -> None:
-    found = run("recover_table.py")
-    assert found["error"] < 0.05  # of rewards from 0 to .83
-    assert found["steps"] == 400 * 7
-    assert "ridge" in capsys.readouterr().out
-
-
 def test_steps_are_recovered_from_episodes(capsys: pytest.CaptureFixture[str]) -> None:
     found = run("recover_steps.py")
     assert found["correlation"] > 0.85

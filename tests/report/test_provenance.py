@@ -87,7 +87,8 @@ def test_a_changed_checkout_is_other_code(write_run: WriteRun, tmp_path: Path):
 
 
 def test_a_commit_settles_runs_of_different_configurations(write_run: WriteRun, tmp_path: Path):
-    write_run("reference", 0, REGRET, commit=OLD, config_hash="aaaa")
+    alpha = {"_target_": "credit.recovery.mixers.RelativeMSE", "alpha": 0.4}
+    write_run("reference", 0, REGRET, commit=OLD, config_hash="aaaa", mixer=alpha)
     write_run("reference", 1, REGRET, commit=NEW, config_hash="bbbb")
     with pytest.raises(UserError, match=r"commit \(commit=…\)"):
         load_runs(tmp_path / "outputs", "advertiser")

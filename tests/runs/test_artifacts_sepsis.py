@@ -191,7 +191,7 @@ def test_proxies_and_visits(run: tuple[str, Arrays]) -> None:
 
 
 def stacked(run: tuple[str, Arrays]) -> np.ndarray:
-    """min ‖Y − Σ w Ŷ‖² + ‖w‖² over w ≥ 0, Σ w = 1, by least squares with a heavy row for the sum; [M]."""
+    """min ‖Y − Σ w Ŷ‖²/Var(Y) + ‖w‖² over w ≥ 0, Σ w = 1, by least squares with a heavy row for the sum; [M]."""
     _, arrays = run
     unseen = bootstrap()[:, 1:] == 0  # [K, B]
     out = unseen.any(1)
@@ -199,7 +199,7 @@ def stacked(run: tuple[str, Arrays]) -> np.ndarray:
     for model in arrays["models"]:
         each = flat(arrays, f"draws/{model}")[:, index(arrays)].sum(-1).T  # [K, B]
         predictions.append((each * unseen).sum(1)[out] / unseen.sum(1)[out])
-    errors = np.stack(predictions, 1) - arrays["windows/labels"][out, None]
+    errors = (np.stack(predictions, 1) - arrays["windows/labels"][out, None]) / arrays["windows/labels"].std()
     count = errors.shape[1]
     rows = np.concatenate([errors, np.eye(count), 1e5 * np.ones((1, count))])
     target = np.concatenate([np.zeros(len(rows) - 1), [1e5]])

@@ -50,9 +50,9 @@ def seen(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[tuple[int, lis
     found: list[tuple[int, list[Any]]] = []
     learn = Trainer._learn
 
-    def look(trainer: Trainer, *experience: Any) -> None:
+    def look(trainer: Trainer, *experience: Any, **how: Any) -> None:
         found.append((torch.get_num_threads(), [signal.getsignal(number) for number in NUMBERS]))
-        learn(trainer, *experience)
+        learn(trainer, *experience, **how)
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(Trainer, "_learn", look)
@@ -72,7 +72,7 @@ def test_a_run_sets_both_where_it_is_asked_and_gives_them_back(own_handlers, thr
     assert [signal.getsignal(number) for number in NUMBERS] == [own_handlers] * 2
 
 
-def signals_itself(trainer: Trainer, *experience: Any) -> None:
+def signals_itself(trainer: Trainer, *experience: Any, **how: Any) -> None:
     os.kill(os.getpid(), signal.SIGTERM)
 
 
@@ -84,8 +84,8 @@ def test_a_signal_is_the_programs_unless_it_is_asked_for(own_handlers, monkeypat
     monkeypatch.chdir(tmp_path)
     learn, once = Trainer._learn, iter([signals_itself])
 
-    def learn_and_signal(trainer: Trainer, *experience: Any) -> None:
-        learn(trainer, *experience)
+    def learn_and_signal(trainer: Trainer, *experience: Any, **how: Any) -> None:
+        learn(trainer, *experience, **how)
         next(once, lambda _: None)(trainer)
 
     monkeypatch.setattr(Trainer, "_learn", learn_and_signal)

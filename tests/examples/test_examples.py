@@ -1,0 +1,97 @@
+"""Every example runs, makes no folders, needs neither Hydra nor MLflow, and says something that is true."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLES = ROOT / "examples"
+ALONE = """
+import runpy, sys
+runpy.run_path({path!r}, run_name="__main__")
+assert not {{"hydra", "omegaconf", "mlflow", "matplotlib"}} & {{*sys.modules}}
+"""
+
+
+def output_of(name: str, folder: Path) -> list[str]:
+    """The lines that an example prints, run by itself in an empty folder."""
+    code = ALONE.format(path=str(EXAMPLES / name))
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert list(folder.iterdir()) == []
+    return done.stdout.splitlines()
+
+
+def numbers(line: str) -> list[float]:
+    return [float(text) for text in re.findall(r"[-+]?\d+\.\d+", line)]
+
+
+def test_there_is_a_test_for_every_example() -> None:
+    text = Path(__file__).read_text(encoding="utf-8")
+    assert [path.name for path in EXAMPLES.iterdir() if f'"{path.name}"' not in text] == []
+
+
+def test_rewards_are_recovered_from_windows(tmp_path: Path) -> None:
+    days, ridge, linear, _, last = output_of("recover_rewards.py", tmp_path)
+    assert "1050 days" in days
+    assert 0.98 < numbers(ridge)[-1] + numbers(linear)[-1] < 1.02  # weights
+    error, span = numbers(last)
+    assert error < 0.05 * span
+
+
+def test_sac_learns_from_transitions(tmp_path: Path) -> None:
+    told, *asked = output_of("sac_on_transitions.py", tmp_path)
+    assert "after 600 updates" in told
+    assert len(asked) == 4
+    assert all(place * push < -0.2 * abs(place) for place, push in map(numbers, asked))  # back to 0
+
+
+def test_labels_are_made_of_rewards(tmp_path: Path) -> None:
+    lines = output_of("make_labels.py", tmp_path)
+    sums, last, success, rounded = (numbers(line) for line in lines)
+    assert [line.split()[0] for line in lines] == ["BlockSum", "Terminal", "Success", "Rounded"]
+    assert rounded == [(round(label) > 0) - (round(label) < 0) for label in sums]  # but for its noise
+    assert {*last} <= {-1.0, 0.0, 1.0}
+    assert all(one in (0, 1) for one in success)
+    assert any(sums)
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Path:
+    """What `pip install -e examples/own_surrogate` leaves: where it lies, and what it announces."""
+    project = tomllib.loads((EXAMPLES / "own_surrogate" / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    facts = tmp_path / "site" / "credit_season-1.0.dist-info"
+    facts.mkdir(parents=True)
+    (facts / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
+    points = [
+        f"[{group}]\n" + "".join(f"{name} = {place}\n" for name, place in own.items())
+        for group, own in project["entry-points"].items()
+    ]
+    (facts / "entry_points.txt").write_text("\n".join(points))
+    return facts.parent
+
+
+def test_a_surrogate_of_ones_own_is_listed_and_runs(site: Path, tmp_path: Path) -> None:
+    path = os.pathsep.join(map(str, (EXAMPLES / "own_surrogate", site, ROOT)))
+
+    def credit(*words: str) -> str:
+        command = [sys.executable, "-m", "credit.cli.main", *words]
+        environment = os.environ | {"PYTHONPATH": path}
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    assert "one reward for each action in low and in high season" in credit("list", "reward")
+    credit("train", "+reward@surrogates.season=season", "replicas=1", "trainer.steps=210", "tracking=none")
+    summary = json.loads(next(tmp_path.rglob("seed-0/summary.json")).read_text(encoding="utf-8"))
+    assert 0 < summary["metrics"]["weight/season"] < 1
