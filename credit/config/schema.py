@@ -194,7 +194,9 @@ def build(config: Mapping[str, Any], slot: str) -> Any:
             if name in node:
                 arguments[name] = from_value(node[name], component_kind(hint))
             elif component_kind(hint) is not None and (config.get(name) or default is REQUIRED):
-                arguments[name] = from_slot(name)
+                held = from_slot(name)
+                alone = takes_several(hint) and is_component(config.get(name))
+                arguments[name] = {name: held} if alone else held  # where several are wanted, one is a group of one
         return cls(**arguments)
 
     return from_slot(slot)

@@ -31,7 +31,7 @@ def save(path: Path, content: Mapping[str, Any]) -> None:
         OSError: the disk is full or cannot be written; what was there before is still there.
         TypeError: something else is in it, which `load` would refuse.
     """
-    _only_data(dict(content), "")
+    only_data(dict(content), "")
     temporary = path.with_name(f".{path.name}")  # one name: who was killed leaves it to the next
     try:
         with temporary.open("w+b") as file:
@@ -90,8 +90,12 @@ def load(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
     return content
 
 
-def _only_data(value: Any, where: str) -> None:
-    """Raises TypeError where there is more than tensors and plain data, as `pack` makes of most things."""
+def only_data(value: Any, where: str) -> None:
+    """Refuse a state that no checkpoint could hold.
+
+    Raises:
+        TypeError: there is more in it than tensors and plain data, as `pack` makes of most things.
+    """
     if value is None or type(value) in PLAIN or isinstance(value, torch.Tensor):
         return
     if type(value) not in (list, tuple, dict, OrderedDict):
@@ -100,7 +104,7 @@ def _only_data(value: Any, where: str) -> None:
             "data: use credit.core.state.pack in state_dict, and unpack in load_state_dict"
         )
     for key, inner in value.items() if isinstance(value, dict) else enumerate(value):
-        _only_data(inner, f"{where}.{key}")
+        only_data(inner, f"{where}.{key}")
 
 
 def _verify(path: Path, what_to_do: str) -> None:

@@ -331,3 +331,10 @@ def test_nearest_names() -> None:
     assert nearest("alpa", ["epsilon", "alpha"]) == "did you mean 'alpha'? (valid: alpha, epsilon)"
     assert nearest("xyz", ["alpha"]) == "(valid: alpha)"
     assert nearest("xyz", []) == "(there are none)"
+
+
+def test_one_component_where_several_are_wanted_is_a_group_of_one() -> None:
+    config = good() | {"wheels": node("BigWheel", size=2.0)}
+    assert problems(lambda given: given.update(wheels=config["wheels"])) == []
+    car = schema.build(config, "car")
+    assert {name: wheel.size for name, wheel in car.wheels.items()} == {"wheels": 2.0}
