@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import runpy
 import subprocess
 import sys
 import tomllib
@@ -95,3 +96,10 @@ def test_a_surrogate_of_ones_own_is_listed_and_runs(site: Path, tmp_path: Path) 
     credit("train", "+reward@surrogates.season=season", "replicas=1", "trainer.steps=210", "tracking=none")
     summary = json.loads(next(tmp_path.rglob("seed-0/summary.json")).read_text(encoding="utf-8"))
     assert 0 < summary["metrics"]["weight/season"] < 1
+
+
+def test_steps_are_recovered_from_episodes(capsys: pytest.CaptureFixture[str]) -> None:
+    found = runpy.run_path(str(EXAMPLES / "recover_steps.py"))["main"]()
+    assert found["correlation"] > 0.85
+    assert found["network"] + found["speed"] == pytest.approx(1, abs=1e-4)
+    assert "correlation" in capsys.readouterr().out
