@@ -25,11 +25,25 @@ SAID = {  # old target → keys that were not said then, since they were part of
         "uncertainty": {"_target_": "credit.recovery.uncertainty.bootstrap.Analytic", "noise": None}
     },
 }
-OPTIONS = {  # group, or group=option → what to write instead
+WORDS = {  # group, group=option, or key → what to write instead
     "recovery": "one recovery serves all problems: leave it out, or write assigner=recovery",
     "oracle": "one model serves all oracles: leave it out, or write reward@reference=primitive",
+    "planner": "write optimizer=…; an experiment says choose: {planner: …}",
+    "learner": "write optimizer=…; an experiment says choose: {learner: …}",
     "assigner=step_recovery": "assigner=recovery",
     "reward=primitive_steps": "reward@reference=primitive",
+    "tuned": "a key has one name; an experiment says its value there: defaults_for: {mixer/relative_mse.alpha: …}",
+    "tuned.window": "now feedback.window",
+    "tuned.noise": "now feedback.noise",
+    "tuned.prior_variance": "now uncertainty.prior_variance",
+    "tuned.mixer_alpha": "now mixer.alpha",
+    "tuned.count_scale": "now bonus.count.scale",
+    "tuned.oracle_scale": "now bonus.count.scale",
+    "tuned.elliptical_scale": "now bonus.elliptical.scale",
+    "tuned.structure_counts": "now transition.pseudo_counts",
+    "tuned.model_scale": "now bonus.disagreement.scale, or bonus.local_mse.scale",
+    "tuned.reference_scale": "now bonus.local_mse.scale",
+    "tuned.lambda_visits": "now bonus.disagreement.lambda_visits, or bonus.local_mse.lambda_visits",
 }
 GONE = {"poison"}  # keys that decided nothing
 MODULES = {
@@ -135,15 +149,15 @@ def today(target: str) -> str:
 
 
 def instead(word: str) -> str | None:
-    """What to write for an override whose group or option is gone; None where it is not.
+    """What to write for an override whose group, option or key is gone; None where it is not.
 
     Example:
-        >>> instead("assigner=step_recovery")
-        'assigner=recovery'
+        >>> instead("tuned.mixer_alpha=.3")
+        'now mixer.alpha'
     """
-    group, _, option = word.lstrip("+~").partition("=")
-    group = group.partition("@")[0]
-    return OPTIONS.get(group) or OPTIONS.get(f"{group}={option}")
+    name, _, value = word.lstrip("+~").partition("=")
+    group = name.partition("@")[0]
+    return WORDS.get(group) or WORDS.get(f"{group}={value}")
 
 
 def translated(config: Any) -> Any:

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 import credit
-from credit.config import registry
+from credit.config import files
 from credit.core.errors import UserError
 from credit.trainer import Trainer
 
@@ -18,7 +18,7 @@ Arrays = dict[str, np.ndarray]
 ROUNDS = ("trainer.windows_per_round=10", "trainer.random_windows=10")
 SHORT = ("experiment=sepsis", "trainer.steps=200", "trainer.log_every=20", *ROUNDS)
 MAIN = {"credit_hypotheses", "delayed", "disagreement"}  # the others are their parts in other combinations
-LEARNERS = sorted(registry.options("method").keys() - {"oracle"})
+LEARNERS = sorted(files.options("method").keys() - {"oracle"})
 STATES, ACTIONS, WINDOW = 1296, 8, 5
 PENALTY, PRIOR, COUNT, SCALE = 10.0, 0.25, 0.03, 0.1
 

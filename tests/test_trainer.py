@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import torch
 
-from credit.config import registry
+from credit.config import files, registry
 from credit.core.errors import RunError, UserError
 from credit.core.policy import Policy
 from credit.core.seams import Agent, CreditAssigner
@@ -21,7 +21,7 @@ from credit.trainer import Trainer
 
 METHODS = [  # those that run on the advertiser
     method
-    for method in sorted(registry.options("method"))
+    for method in sorted(files.options("method"))
     if not job.check(registry.compose(["tracking=none", f"method={method}"])).problems
 ]
 MAIN = {"block", "delayed", "disagreement", "oracle", "reference"}  # the others are their parts in other combinations

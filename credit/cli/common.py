@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from credit.cli.main import EXAMPLES
-from credit.config import registry
+from credit.config import files, kinds
 from credit.core.errors import UserError, nearest
 
 
@@ -52,10 +52,10 @@ def help_text(command: str, arguments: str, config_dirs: Sequence[str]) -> str:
         "",
         "what can be chosen (group=option)",
     ]
-    groups = {**registry.CHOICES, **{name: kind.help for name, kind in registry.KINDS.items() if kind.slots}}
+    groups = {**kinds.CHOICES, **{name: kind.help for name, kind in kinds.KINDS.items() if kind.slots}}
     for group, line in groups.items():
-        options = registry.options(group, config_dirs)
-        if group in ("planner", "learner") or not options:
+        options = files.options(group, config_dirs)
+        if not options:
             continue
         lines += [f"  {group:<12} {line}", f"  {'':<12}   {', '.join(options)}"]
     lines += [

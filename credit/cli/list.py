@@ -3,55 +3,75 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-
-import yaml
+from typing import Any
 
 from credit.cli.common import Words
 from credit.cli.main import guarded
-from credit.config import registry, schema, signatures
+from credit.config import files, schema, signatures
+from credit.config.kinds import CHOICES, KINDS
+from credit.config.layers import Layer
 from credit.core.errors import UserError, nearest
 
 
 def main(argv: list[str]) -> int:
     """Print the kinds, or everything of one kind."""
     words = Words.parse(argv)
-    kinds = {**registry.CHOICES, **{name: kind.help for name, kind in registry.KINDS.items()}}
+    known = {**CHOICES, **{name: kind.help for name, kind in KINDS.items()}}
     if words.help:
-        print("usage: credit list [KIND] [--config-dir DIR]\n\nkinds: " + ", ".join(kinds))
+        print("usage: credit list [KIND] [--config-dir DIR]\n\nkinds: " + ", ".join(known))
         return 0
     for kind in words.overrides:
-        if kind not in kinds:
-            raise UserError(f"{kind!r} is no kind; {nearest(kind, kinds)}")
-    for kind in words.overrides or kinds:
-        print(f"{kind}: {kinds[kind]}")
-        for name, path in registry.options(kind, words.config_dirs).items():
-            print(f"  {name:<18} {registry.describe_file(path)}")
-            for line in parameters(path) if kind in registry.KINDS else ():
+        if kind not in known:
+            raise UserError(f"{kind!r} is no kind; {nearest(kind, known)}")
+    for kind in words.overrides or known:
+        print(f"{kind}: {known[kind]}")
+        for name, path in files.options(kind, words.config_dirs).items():
+            print(f"  {name:<18} {files.describe_file(path)}")
+            for line in parameters(kind, path, words.config_dirs) if kind in KINDS else ():
                 print(f"  {'':<18}   {line}")
         print()
     return 0
 
 
-def parameters(path: Path) -> list[str]:
-    """One line a parameter: `name = default   what is allowed`."""
-    node = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
+def parameters(kind: str, path: Path, config_dirs: Sequence[str] = ()) -> list[str]:
+    """One line a parameter: `name = default   what is allowed; what it is in experiments that say something else`."""
+    node = files.read(path)
+    elsewhere = wished(kind, path, node, config_dirs)
     if "_target_" not in node:  # a variant of another file
-        return [f"{key} = {shown(value)}" for key, value in node.items() if key != "defaults"]
+        values = {key: value for key, value in node.items() if key != "defaults"}
+        return [
+            f"{key} = {shown(values.get(key, '…'))}{f'   ({elsewhere[key]})' if key in elsewhere else ''}"
+            for key in dict.fromkeys([*values, *elsewhere])
+        ]
     hints = signatures.signature(schema.resolve(str(path), node))
     return [
-        f"{name} = {shown(node.get(name, default))}   ({signatures.describe(hint)})"
+        f"{name} = {shown(node.get(name, default))}   "
+        f"({'; '.join(filter(None, [signatures.describe(hint), elsewhere.get(name)]))})"
         for name, (hint, default) in hints.items()
         if signatures.component_kind(hint) is None
     ]
 
 
+def wished(kind: str, path: Path, node: Mapping[str, Any], config_dirs: Sequence[str]) -> dict[str, str]:
+    """Key → what it is in the experiments that say so, such as `0.3 in pointmaze, pointmaze_paper`."""
+    found: dict[str, dict[str, list[str]]] = {}
+    if path.parents[1] in {folder.resolve() for folder in files.own_dirs(config_dirs)}:
+        return {}  # the user's own files are read as they are
+    for experiment in files.options("experiment", config_dirs):
+        wishes = Layer.of(experiment, "", config_dirs).for_file(f"{kind}/{path.stem}", node)
+        for key, value in {wish.key: wish.value for wish in wishes}.items():
+            found.setdefault(key, {}).setdefault(shown(value), []).append(experiment)
+    return {
+        key: ", ".join(f"{value} in {', '.join(names)}" for value, names in values.items())
+        for key, values in found.items()
+    }
+
+
 def shown(value: object) -> str:
-    """A default as text; one that experiments set is that of the default experiment."""
-    if not str(value).startswith("${tuned."):
-        return "null" if value is None else str(value)
-    tuned = yaml.safe_load((registry.conf_dir() / "config.yaml").read_text(encoding="utf-8"))["tuned"]
-    return f"{tuned[str(value)[8:-1]]} unless the experiment says otherwise"
+    """A value as text."""
+    return "null" if value is None else str(value)
 
 
 if __name__ == "__main__":

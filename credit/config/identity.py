@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from credit.config import schema
-from credit.config.registry import CIRCUMSTANCES, KINDS
+from credit.config.kinds import CIRCUMSTANCES, KINDS
 from credit.config.signatures import REQUIRED, signature
 from credit.renamed import translated
 

@@ -14,6 +14,7 @@ from hydra.core.utils import JobStatus
 from hydra.types import HydraContext, RunMode
 
 from credit.config import registry
+from credit.config.files import CONFIG_NAME
 from credit.core.errors import UserError
 
 EXTRAS = {  # package of a plugin → the extra that brings it
@@ -53,27 +54,27 @@ def choose(overrides: Sequence[str], jobs: int, gpu: bool, config_dirs: Sequence
 
 
 def launch(
-    task: Callable[[Any], None], jobs: Sequence[list[str]], overrides: Sequence[str], config_dirs: Sequence[str]
+    task: Callable[[Any], None], jobs: int, launcher: Sequence[str], place: Sequence[str], config_dirs: Sequence[str]
 ) -> dict[int, str]:
     """Hand jobs to Hydra's launcher and wait for them.
 
     Args:
-        task: called once a job with what Hydra composed, in any process; `job_number` tells which job it is.
-        jobs: the overrides of every job. overrides: what `choose` returned. config_dirs: folders of YAML files.
+        task: called once a job, in any process; `job_number` tells which job it is, and the task knows the rest.
+        jobs: how many. launcher: what `choose` returned. place: the overrides that say where their session lies.
+        config_dirs: folders of YAML files.
 
     Returns:
         Number of the job → what the task raised; it is meant to raise nothing.
     """
     os.environ.setdefault("RAY_AUTH_MODE", "token")  # a Ray that anybody may join runs anybody's code
-    with registry.composing():
+    with registry.composing(config_dirs=config_dirs):
         state = GlobalHydra.instance()
-        words = [*overrides, *registry.search_override(config_dirs)]
         config = state.hydra.compose_config(
-            registry.CONFIG_NAME, words, run_mode=RunMode.MULTIRUN, with_log_configuration=False
+            CONFIG_NAME, [*launcher, *place], run_mode=RunMode.MULTIRUN, with_log_configuration=False
         )
         context = HydraContext(config_loader=state.config_loader(), callbacks=_no_callbacks(config))
-        launcher = Plugins.instance().instantiate_launcher(hydra_context=context, task_function=task, config=config)
-        ended = launcher.launch(jobs, initial_job_idx=0)
+        starter = Plugins.instance().instantiate_launcher(hydra_context=context, task_function=task, config=config)
+        ended = starter.launch([list(place) for _ in range(jobs)], initial_job_idx=0)
     failed = {index: job for index, job in enumerate(ended) if job.status is not JobStatus.COMPLETED}
     return {index: f"{type(job._return_value).__name__}: {job._return_value}" for index, job in failed.items()}
 

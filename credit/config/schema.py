@@ -19,7 +19,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from credit.config.signatures import REQUIRED, component_kind, describe, signature, takes_several
 from credit.core.component import Component
 from credit.core.errors import UserError, nearest
-from credit.renamed import today
+from credit.renamed import instead, today
 
 ENTRY_POINTS = "credit.components"
 STRICT = ConfigDict(strict=True, allow_inf_nan=False)
@@ -93,6 +93,9 @@ class Check:
         for key, value in values.items():
             path = f"{prefix}{key}"
             if key not in hints:
+                if answers := _gone(path, value):
+                    self.problems += answers
+                    continue
                 shown = "" if isinstance(value, Mapping) else f" (value {value!r})"
                 self.problems.append(f"{path}: unknown key{shown}; {nearest(key, [*hints, *extra_names])}")
                 continue
@@ -165,6 +168,12 @@ class Check:
                                 f"{path}: {cls.__name__} needs a {needed.__name__} in {other}, and there is "
                                 f"{other_class.__name__}; choose another {slot}, or another {needed_slot}"
                             )
+
+
+def _gone(path: str, value: Any) -> list[str]:
+    """What to write for a key of an older version, or for each key in it."""
+    paths = [f"{path}.{key}" for key in value] if isinstance(value, Mapping) else []
+    return [f"{old}: this is gone; {now}" for old in paths or [path] if (now := instead(old) or instead(path))]
 
 
 def build(config: Mapping[str, Any], slot: str) -> Any:

@@ -57,9 +57,11 @@ CASES = {
         ["1296 states", "transition=observed_counts"],
     ),
     "a continuing planner in episodes": (
-        (TRAIN, "experiment=sepsis", "method=delayed", "learner=q_learning"),
+        (TRAIN, "experiment=sepsis", "method=delayed", "optimizer=q_learning"),
         ["optimizer: QLearning needs a task that is continuing, and this one is episodic"],
     ),
+    "a key of an older version": ((TRAIN, "tuned.mixer_alpha=.3"), ["tuned.mixer_alpha=.3", "now mixer.alpha"]),
+    "a group of an older version": ((TRAIN, "planner=sac"), ["planner=sac", "write optimizer="]),
     "a horizon of 0": (
         (TRAIN, "experiment=sepsis", "feedback=terminal", "feedback.window=0"),
         ["feedback.window=0", "int ≥ 1"],

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from credit.config import registry
+from credit.config import files, kinds, registry
 from credit.core.errors import UserError
 from credit.runs import job
 
@@ -95,9 +95,9 @@ def test_a_users_own_folder(own_folder: Path) -> None:
     folders = [str(own_folder)]
     config = registry.compose(["bonus=[mine,count]"], folders)
     assert config["bonus"]["mine"] == {"_target_": "credit.recovery.bonuses.Count", "scale": 0.7}
-    assert registry.options("bonus", folders)["mine"] == own_folder / "bonus" / "mine.yaml"
-    assert "mine" not in registry.options("bonus")
-    assert registry.describe_file(own_folder / "bonus" / "mine.yaml") == "My own bonus."
+    assert files.options("bonus", folders)["mine"] == own_folder / "bonus" / "mine.yaml"
+    assert "mine" not in files.options("bonus")
+    assert files.describe_file(own_folder / "bonus" / "mine.yaml") == "My own bonus."
     with pytest.raises(UserError, match=r"did you mean 'mine'"):
         registry.compose(["bonus=[mien]"], folders)
     with pytest.raises(UserError, match=r"bonus=mine: no such option"):
@@ -126,45 +126,19 @@ def test_is_sweep() -> None:
     assert not registry.is_sweep("bonus=[count,disagreement]")
 
 
-@pytest.mark.parametrize(
-    ("overrides", "expected"),
-    [
-        ([], "default"),
-        (["experiment=advertiser", "method=reference", "seed=3", "replicas=7", "output=x", "device=cpu"], "default"),
-        (["tracking=none", "tracking.seeds=all", "rerun=true", "session=abc", "hydra.x=1"], "default"),
-        (["mixer.alpha=.3"], "mixer.alpha=0.3"),
-        (["mixer.alpha=.3", "env.states=6", "seed=1"], "env.states=6,mixer.alpha=0.3"),
-        (["+mixer.alpha=.3"], "mixer.alpha=0.3"),
-        (["bonus=[count, disagreement]"], "bonus=count,disagreement"),
-        (["seeds_of_doubt=1"], "seeds_of_doubt=1"),
-    ],
-)
-def test_slugs(overrides: list[str], expected: str) -> None:
-    assert registry.slug(overrides) == expected
-
-
-def test_slugs_of_different_overrides_differ_and_stay_short() -> None:
-    many = [f"env.key_{i}={i}" for i in range(40)]
-    other = [*many[:-1], "env.key_39=40"]
-    assert len(registry.slug(many)) < 130
-    assert registry.slug(many) != registry.slug(other)
-    assert registry.slug(many) == registry.slug(many[::-1])
-    assert "/" not in registry.slug(["reward@reference=ridge", "x=a/b/../c"])
-
-
 def test_every_kind_has_a_folder_a_class_and_options() -> None:
-    for name, kind in registry.KINDS.items():
-        assert registry.options(name), name
+    for name, kind in kinds.KINDS.items():
+        assert files.options(name), name
         assert isinstance(kind.load(), type), name
         assert kind.help
-    folders = {path.name for path in registry.conf_dir().iterdir() if path.is_dir()}
-    assert folders == {*registry.KINDS, *registry.CHOICES, "hydra"}
+    folders = {path.name for path in files.conf_dir().iterdir() if path.is_dir()}
+    assert folders == {*kinds.KINDS, *kinds.CHOICES, "hydra"}
 
 
-@pytest.mark.parametrize("name", sorted({*registry.KINDS, *registry.CHOICES}))
+@pytest.mark.parametrize("name", sorted({*kinds.KINDS, *kinds.CHOICES}))
 def test_every_file_says_in_its_first_line_what_it_is(name: str) -> None:
-    for path in registry.options(name).values():
-        assert registry.describe_file(path), path
+    for path in files.options(name).values():
+        assert files.describe_file(path), path
 
 
 @pytest.mark.parametrize(

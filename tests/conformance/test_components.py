@@ -4,7 +4,6 @@ without an edit, and so is a new experiment."""
 from __future__ import annotations
 
 import inspect
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cache
@@ -13,10 +12,10 @@ from typing import Any
 
 import pytest
 import torch
-import yaml
 
 from credit.agents.random import Random
-from credit.config import registry, schema, signatures
+from credit.config import files, kinds, registry, schema, signatures
+from credit.config.identity import plain
 from credit.core.errors import UserError
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import (
@@ -40,9 +39,9 @@ from credit.trainer import Trainer
 
 SEEDS = (3, 4)
 SIGNED = {"thompson"}  # a posterior draw lies on either side of the mean
-EVERY = sorted(registry.options("experiment"))
+EVERY = sorted(files.options("experiment").keys() - {"generic"})  # which has no environment of its own
 EXPERIMENTS = [name for name in EVERY if not name.endswith("_paper")]  # which are others with another recipe
-FILES = [(kind, name) for kind in registry.KINDS for name in registry.options(kind)]
+FILES = [(kind, name) for kind in kinds.KINDS for name in files.options(kind)]
 FEW = {"first_steps": 4, "steps": 2, "updates": 4, "first_updates": 6, "width": 8, "batch": 8, "stride": 3}
 SMALL: dict[str, dict[str, Any]] = {  # what makes an environment quick: two free cells, few demonstrations
     "PointMaze": {"env": {"maze": ["1111", "1001", "1111"], "start": [1, 1], "goal": [1, 2], "successes": 2}},
@@ -107,7 +106,7 @@ def goes_with(kind: str, name: str) -> Iterator[tuple[str, ...]]:
 
 def options(kind: str) -> list[Any]:
     """Registered names of a kind."""
-    return sorted(registry.options(kind))
+    return sorted(files.options(kind))
 
 
 @cache
@@ -166,9 +165,9 @@ def some(kind: str, name: str) -> list[tuple[str, ...]]:
 
 @pytest.mark.parametrize(("kind", "name"), FILES)
 def test_class_kind_and_words(kind: str, name: str) -> None:
-    assert registry.describe_file(registry.options(kind)[name])
+    assert files.describe_file(files.options(kind)[name])
     for cls in classes(kind, name):
-        assert issubclass(cls, registry.KINDS[kind].load())
+        assert issubclass(cls, kinds.KINDS[kind].load())
         assert not inspect.isabstract(cls)
         assert cls.__doc__
         assert cls.__doc__.strip().splitlines()[0].strip()
@@ -176,7 +175,7 @@ def test_class_kind_and_words(kind: str, name: str) -> None:
 
 @pytest.mark.parametrize(("kind", "name"), FILES)
 def test_every_parameter_has_a_value_and_every_key_a_parameter(kind: str, name: str) -> None:
-    slots = {slot for other in registry.KINDS.values() for slot in other.slots}
+    slots = {slot for other in kinds.KINDS.values() for slot in other.slots}
     for cls, node in zip(classes(kind, name), nodes(kind, name).values(), strict=True):
         parameters = signatures.signature(cls)
         assert node.keys() - {"_target_"} <= parameters.keys()
@@ -193,34 +192,36 @@ def test_every_parameter_is_documented(kind: str, name: str) -> None:
 
 
 @cache
-def written() -> dict[type, dict[str, list[Any]]]:
-    """Class → parameter → the values that its files give it; of `${tuned.x}` those of every experiment."""
-    base, *experiments = [registry.conf_dir() / "config.yaml", *registry.options("experiment").values()]
-    defaults = _yaml(base)["tuned"]
-    tuned = [defaults | _yaml(path).get("tuned", {}) for path in experiments]
-    found: dict[type, dict[str, list[Any]]] = {}
+def written() -> dict[type, list[dict[str, Any]]]:
+    """Class → what each of its files says."""
+    found: dict[type, list[dict[str, Any]]] = {}
     for kind, name in FILES:
-        node = _yaml(registry.options(kind)[name])
-        if "_target_" not in node:
-            continue
-        values = found.setdefault(schema.resolve(name, node), {})
-        for key, value in node.items():
-            reference = re.fullmatch(r"\$\{tuned\.(\w+)\}", str(value))
-            values.setdefault(key, []).extend([keys[reference[1]] for keys in tuned] if reference else [value])
+        node = files.read(files.options(kind)[name])
+        if "_target_" in node:
+            found.setdefault(schema.resolve(name, node), []).append(node)
     return found
 
 
-def _yaml(path: Path) -> dict[str, Any]:
-    return yaml.safe_load(path.read_text(encoding="utf-8")) or {}
+@pytest.mark.parametrize("cls", written(), ids=lambda cls: cls.__name__)
+def test_a_default_has_one_spelling(cls: type) -> None:
+    """The constructor's is that of the file; of a class with several recipes, that of one of them."""
+    for parameter, (hint, default) in signatures.signature(cls).items():
+        values = [plain(node[parameter]) for node in written()[cls] if parameter in node]
+        if values and default is not signatures.REQUIRED and not signatures.component_kind(hint):
+            assert plain(default) in values, parameter
+            assert len(written()[cls]) > 1 or values == [plain(default)], parameter
 
 
 @pytest.mark.parametrize(("kind", "name"), FILES)
-def test_a_default_of_the_constructor_is_that_of_a_file(kind: str, name: str) -> None:
-    for cls in classes(kind, name):
-        for parameter, (_, default) in signatures.signature(cls).items():
-            values = written().get(cls, {}).get(parameter)
-            if values and default is not signatures.REQUIRED and parameter != "name":
-                assert (list(default) if isinstance(default, tuple) else default) in values, parameter
+def test_a_variant_says_what_differs_and_nothing_else(kind: str, name: str) -> None:
+    node = files.read(files.options(kind)[name])
+    for base in files.bases(kind, node):
+        before = registry.compose(["tracking=none", *selection(kind, base)])
+        now = registry.compose(["tracking=none", *selection(kind, name)])
+        slot = "reference" if kind == "reward" else kind
+        for key in node.keys() - {"defaults", "_target_"}:
+            there, here = (next(iter(schema.members(config, slot).values())) for config in (before, now))
+            assert there.get(key, "…") != here[key], key
 
 
 def keys_without_comment(path: Path) -> list[str]:
@@ -241,10 +242,10 @@ def keys_without_comment(path: Path) -> list[str]:
 
 @pytest.mark.parametrize(("kind", "name"), FILES)
 def test_every_key_has_a_comment(kind: str, name: str) -> None:
-    assert keys_without_comment(registry.options(kind)[name]) == []
+    assert keys_without_comment(files.options(kind)[name]) == []
 
 
-@pytest.mark.parametrize("name", sorted(registry.options("mixer")))
+@pytest.mark.parametrize("name", sorted(files.options("mixer")))
 @pytest.mark.parametrize("models", [1, 2, 3, 4])
 def test_mixers(name: str, models: int) -> None:
     mixer = schema.build(composed(f"mixer={name}"), "mixer")
@@ -492,7 +493,7 @@ def test_methods_run_in_episodes(method: str, feedback: str) -> None:
 @pytest.mark.parametrize("name", EVERY)
 def test_an_experiment_takes_every_method_or_says_why_not(name: str) -> None:
     taken = []
-    for method in registry.options("method"):
+    for method in files.options("method"):
         config = registry.compose(["tracking=none", f"experiment={name}", f"method={method}"])
         assert (config["experiment"], config["method"]) == (name, method)
         found = job.check(config).problems
@@ -502,10 +503,12 @@ def test_an_experiment_takes_every_method_or_says_why_not(name: str) -> None:
     assert {"reference", "adaptive_mse", "disagreement", "random", "oracle"} <= set(taken)
 
 
-@pytest.mark.parametrize("kind", sorted({*registry.CHOICES} - {"sweep"}))
+@pytest.mark.parametrize("kind", sorted({*kinds.CHOICES} - {"sweep"}))
 def test_choices_compose(kind: str) -> None:
     """Every choice goes with one experiment at least."""
-    for name in registry.options(kind):
+    for name in files.options(kind):
+        if name == "generic":
+            continue
         experiments = [name] if kind == "experiment" else EXPERIMENTS
         choice = () if kind == "experiment" else (f"{kind}={name}",)
         assert any(not problems_of(f"experiment={experiment}", *choice) for experiment in experiments), name

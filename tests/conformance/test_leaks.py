@@ -18,7 +18,7 @@ import torch
 import yaml
 from torch import Tensor
 
-from credit.config import registry, schema
+from credit.config import files, kinds, registry, schema
 from credit.core.problem import Problem
 from credit.core.seams import Agent, Environment, Transitions
 from credit.core.truth import Truth
@@ -107,7 +107,7 @@ def less(node: Any) -> Any:
 
 
 # those of the paper are the same environments and feedbacks with another recipe
-EXPERIMENTS = [name for name in sorted(registry.options("experiment")) if not name.endswith("_paper")]
+EXPERIMENTS = [e for e in sorted(files.options("experiment")) if not e.endswith("_paper") and e != "generic"]
 
 
 @cache
@@ -128,7 +128,7 @@ def fitting() -> list[Any]:
     found = []
     for experiment in EXPERIMENTS:
         own = {"advertiser": "block_sum", "sepsis": "block_sum"}.get(experiment, "success")
-        options = {kind: sorted(registry.options(kind)) for kind in ("feedback", "method")}
+        options = {kind: sorted(files.options(kind)) for kind in ("feedback", "method")}
         feedbacks = [name for name in options["feedback"] if fits(experiment, name, "reference")]
         methods = [name for name in options["method"] if fits(experiment, own, name) and name != "oracle"]
         for feedback, method in product(feedbacks, methods):
@@ -218,10 +218,10 @@ def test_a_thief_is_found(look: Callable[[Trainer], Tensor]) -> None:
 
 
 def test_nobody_but_the_trainer_is_given_the_environment() -> None:
-    for kind in registry.KINDS:
+    for kind in kinds.KINDS:
         if kind in ("env", "tracking"):
             continue
-        for name in registry.options(kind):
+        for name in files.options(kind):
             for cls in _classes(kind, name):
                 parameters = inspect.signature(cls).parameters
                 given = [key for key, one in parameters.items() if key == "env" or "Environment" in str(one.annotation)]
@@ -239,5 +239,5 @@ def _classes(kind: str, name: str) -> list[type]:
             for value in node.values():
                 walk(value)
 
-    walk(yaml.safe_load(registry.options(kind)[name].read_text(encoding="utf-8")))
+    walk(yaml.safe_load(files.options(kind)[name].read_text(encoding="utf-8")))
     return found

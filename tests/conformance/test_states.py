@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import pytest
 import torch
 
-from credit.config import registry, schema
+from credit.config import files, kinds, registry, schema
 from credit.core.errors import UserError
 from credit.recovery.bonuses import Count
 from credit.runs import checkpoint, job
@@ -19,9 +19,10 @@ from credit.trainer import Trainer
 from .test_components import SMALL, selection
 from .test_components import composed as small
 
-KINDS = [kind for kind in registry.KINDS if kind != "tracking"]
+KINDS = [kind for kind in kinds.KINDS if kind != "tracking"]
 EXPERIMENTS = sorted(
-    (name for name in registry.options("experiment") if not name.endswith("_paper")), key="pointmaze".__eq__
+    (name for name in files.options("experiment") if not name.endswith("_paper") and name != "generic"),
+    key="pointmaze".__eq__,
 )
 QUICK = ("mixer", "bonus")  # of the rest, methods and two tests below stand for most
 ALONE = ["method=reference"]  # where no surrogate has the name of the reference
@@ -57,14 +58,14 @@ METHODS = [
         marks=[] if experiment == "advertiser" else pytest.mark.slow,
     )
     for experiment in EXPERIMENTS
-    for method in sorted(registry.options("method"))
+    for method in sorted(files.options("method"))
 ]
 
 
 def every_component() -> Iterator[Any]:
     """Overrides that put an option of a kind to use, experiment by experiment."""
     for kind in KINDS:
-        for name in registry.options(kind):
+        for name in files.options(kind):
             slot = "reference" if kind in ("reward", "features") else kind
             ways: list[list[str]] = [[], ALONE, [*ALONE, "reward@reference=linear"]]
             found = [

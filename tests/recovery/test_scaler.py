@@ -9,12 +9,12 @@ import pytest
 import torch
 import yaml
 
-from credit.config import registry, schema
+from credit.config import files, schema
 from credit.recovery.scaler import Standard
 
 
 def recipe(name: str) -> Standard:
-    path: Path = registry.options("scaler")[name]
+    path: Path = files.options("scaler")[name]
     built: Standard = schema.build({"scaler": yaml.safe_load(path.read_text(encoding="utf-8"))}, "scaler")
     return built
 

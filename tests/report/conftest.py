@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 import yaml
 
-from credit.config.registry import conf_dir
+from credit.config.files import conf_dir
 
 NAMES = {
     "block": "Block-UCB",

@@ -10,7 +10,7 @@ import yaml
 
 import credit
 from credit import renamed
-from credit.config import registry, schema
+from credit.config import files, kinds, registry, schema
 from credit.config.identity import identity, registered_name
 from credit.core.errors import UserError
 from credit.report.compare import compare
@@ -22,8 +22,8 @@ WORDS = ["trainer.steps=210", "trainer.log_every=5", "tracking=none"]
 SLUG = "trainer.log_every=5,trainer.steps=210"
 CLASSES = [
     (kind, schema.resolve(name, node))
-    for kind in registry.KINDS
-    for name, path in registry.options(kind).items()
+    for kind in kinds.KINDS
+    for name, path in files.options(kind).items()
     if "_target_" in (node := yaml.safe_load(path.read_text(encoding="utf-8")) or {})
 ]
 

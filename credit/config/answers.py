@@ -1,0 +1,62 @@
+"""What Hydra's errors mean for the user: which word was wrong, and the nearest name that exists."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from credit.config import files
+from credit.config.kinds import CHOICES, KINDS
+from credit.core.errors import nearest
+from credit.renamed import instead
+
+Compose = Callable[[Sequence[str], Sequence[str]], dict[str, Any]]
+
+
+def explain(error: Exception, overrides: Sequence[str], config_dirs: Sequence[str], compose: Compose) -> str:
+    """What Hydra's error means for the user.
+
+    Args:
+        error: of Hydra or OmegaConf, or a RecursionError. overrides, config_dirs: as they were given.
+        compose: `registry.compose`.
+    """
+    if isinstance(error, RecursionError):
+        paths = [path for kind in (*KINDS, *CHOICES) for path in files.circular(kind, config_dirs)]
+        return f"{', '.join(map(str, paths))}: starts from itself; take that out of its defaults list"
+    message = str(error)
+    written = re.findall(r"(?:Interpolation key|Could not override) '([\w.]+)'", message)
+    if old := next((text for text in (*overrides, *written) if instead(text)), None):
+        return f"{old}: this is gone; {instead(old)}"
+    if found := re.search(r"Could not (?:load|find) '([\w/@.]+)/([\w.-]+)'", message):
+        group, option = found[1].partition("@")[0], found[2]
+        return f"{group}={option}: no such option; {nearest(option, files.options(group, config_dirs))}"
+    if found := re.search(r"Could not (?:override|delete)[^']*'([\w@./]+)'", message):
+        return _unknown_key(found[1], list(overrides), config_dirs, compose)
+    if message.startswith("Config group override must be"):
+        for text in overrides:
+            group, _, value = text.lstrip("+~").partition("=")
+            named = value.strip("[] ").isidentifier() and value != "null"
+            if (kind := group.partition("@")[0]) in {*KINDS, *CHOICES, ""} and not named:
+                known = ", ".join(files.options(kind, config_dirs)) if kind else ", ".join([*KINDS, *CHOICES])
+                return f"{text!r}: no name of an option; valid: {known}"
+    return re.sub(r"\s*\n\s*", "; ", message.strip())
+
+
+def _unknown_key(key: str, overrides: list[str], config_dirs: Sequence[str], compose: Compose) -> str:
+    """Name the deepest part of a key that exists, and the keys that could follow it."""
+    others = [text for text in overrides if text.lstrip("+~").partition("=")[0] != key]
+    written = next((text for text in overrides if text not in others), key)
+    node: Any = compose(others, config_dirs)
+    parents: list[str] = []
+    for part in key.split("."):
+        if not isinstance(node, dict) or part not in node:
+            break
+        node = node[part]
+        parents.append(part)
+    valid = [name for name in node if name != "_target_"] if isinstance(node, dict) else []
+    if not parents:
+        valid += [*KINDS, *CHOICES]
+    path = ".".join([*parents, part])
+    where = f" of {node['_target_'].rpartition('.')[2]}" if isinstance(node, dict) and "_target_" in node else ""
+    return f"{path}: unknown key{where} (in {written!r}); {nearest(part, valid)}"

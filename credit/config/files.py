@@ -1,0 +1,107 @@
+"""The folders of YAML files: ours, those of packages that announced themselves, and the user's own."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Mapping, Sequence
+from functools import cache
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from credit.core.errors import UserError
+
+CONFIG_NAME = "config"
+
+
+def conf_dir() -> Path:
+    """The folder of YAML files: inside the installed package, or beside it in a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    return next(path for path in (package / "conf", package.parent / "conf") if path.is_dir())
+
+
+@cache
+def package_dirs() -> tuple[Path, ...]:
+    """The folders `conf` of packages that announced themselves by an entry point."""
+    found: list[Path] = []
+    for point in entry_points(group="credit.components"):
+        spec = importlib.util.find_spec(point.module)
+        places = (spec.submodule_search_locations or []) if spec else []
+        found.extend(folder for place in places if (folder := Path(place) / "conf").is_dir())
+    return tuple(found)
+
+
+def own_dirs(config_dirs: Sequence[str]) -> list[Path]:
+    """The user's own folders, absolute.
+
+    Raises:
+        UserError: one is not there.
+    """
+    for name in config_dirs:
+        if not Path(name).is_dir():
+            raise UserError(f"--config-dir {name}: no such folder; give a folder with sub-folders like {conf_dir()}")
+    return [Path(name).resolve() for name in config_dirs]
+
+
+def search_path(config_dirs: Sequence[str] = ()) -> list[Path]:
+    """All folders, what counts most first: the user's own (the last given before the others), ours, packages'."""
+    return [*reversed(own_dirs(config_dirs)), conf_dir(), *package_dirs()]
+
+
+def options(kind: str, config_dirs: Sequence[str] = ()) -> dict[str, Path]:
+    """Name → YAML file of everything registered under a kind."""
+    folders = [folder / kind for folder in reversed(search_path(config_dirs))]
+    return {path.stem: path for folder in folders if folder.is_dir() for path in sorted(folder.glob("*.yaml"))}
+
+
+def read(path: Path) -> dict[str, Any]:
+    """A YAML file as a mapping.
+
+    Raises:
+        UserError: it is no YAML, or no mapping.
+    """
+    try:
+        found = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise UserError(f"{path}: no YAML ({' '.join(str(error).split())})") from None
+    if not isinstance(found, dict):
+        raise UserError(f"{path}: a mapping belongs here, key: value")
+    return found
+
+
+def bases(kind: str, node: Mapping[str, Any]) -> list[str]:
+    """The options of its own kind that a file starts from."""
+    entries = [entry for entry in node.get("defaults") or () if isinstance(entry, str) and entry != "_self_"]
+    return [entry.removeprefix(f"/{kind}/") for entry in entries]
+
+
+def circular(kind: str, config_dirs: Sequence[str]) -> list[Path]:
+    """Files that start from themselves, by way of others or at once."""
+    known = options(kind, config_dirs)
+    graph = {name: [base for base in bases(kind, read(path)) if base in known] for name, path in known.items()}
+
+    def reached(name: str) -> set[str]:
+        found, left = set[str](), list(graph[name])
+        while left:
+            if (base := left.pop()) not in found:
+                found.add(base)
+                left += graph[base]
+        return found
+
+    return [known[name] for name in graph if name in reached(name)]
+
+
+def describe_file(path: Path) -> str:
+    """The first comment line of a YAML file: what it is."""
+    for line in path.read_text(encoding="utf-8").splitlines():
+        if line.startswith("#") and not line.startswith("# @package"):
+            return line.lstrip("# ").strip()
+    return ""
+
+
+def stamp(config_dirs: Sequence[str]) -> tuple[tuple[str, int], ...]:
+    """What changes when a file does: every file, and when it was written."""
+    files = [file for folder in search_path(config_dirs) for file in folder.rglob("*.yaml")]
+    return tuple((str(file), file.stat().st_mtime_ns) for file in sorted(files))
