@@ -38,6 +38,7 @@ def _session(folder: Path) -> int:
     from credit.cli import train
     from credit.config import registry
     from credit.runs import job
+    from credit.runs.runner import compose
 
     facts = json.loads((folder / "session.json").read_text(encoding="utf-8"))
     command, *argv = facts["argv"]
@@ -49,7 +50,7 @@ def _session(folder: Path) -> int:
     overrides = [text for text in words.overrides if not text.startswith("output=")]
     overrides.append(f"output={folder.parents[1]}")
     jobs = registry.expand(overrides, words.config_dirs) if train.sweeps(words) else [overrides]
-    now = [job.plan(job.checked(registry.compose(each, facts["config_dirs"])), each) for each in jobs]
+    now = [job.plan(compose(each, config_dirs=facts["config_dirs"])) for each in jobs]
     if now != facts["plan"]:
         raise UserError(
             f"{folder}: `{facts['command']}` means other jobs than when it was typed, since the configuration of "

@@ -45,7 +45,7 @@ def main(argv: list[str]) -> int:
     from credit.runs.runner import place
     from credit.runs.session import Session
 
-    parents = {place(config, overrides): None for config, overrides in jobs}
+    parents = {place(config): None for config, _ in jobs}
     first = jobs[0][0]
     session = Session.begin(
         Facts.of(first).folder,
@@ -53,7 +53,7 @@ def main(argv: list[str]) -> int:
         first["experiment"],
         ["train", *argv],
         first["tracking"],
-        [plan(config, overrides) for config, overrides in jobs],
+        [plan(config) for config, _ in jobs],
         words.config_dirs,
     )
     board = Board(session.folder)
@@ -88,13 +88,13 @@ def checked_jobs(words: Words, multirun: bool) -> list[Job]:
     Raises:
         UserError: with the problems of all jobs, each once.
     """
-    from credit.runs.job import checked
+    from credit.runs.runner import compose
 
     jobs = registry.expand(words.overrides, words.config_dirs) if multirun else [words.overrides]
     found, problems, remarks = [], {}, dict[str, None]()
     for overrides in jobs:
         try:
-            config = checked(registry.compose(overrides, words.config_dirs), lambda text: remarks.setdefault(text))
+            config = compose(overrides, config_dirs=words.config_dirs, say=lambda text: remarks.setdefault(text))
             found.append((config, overrides))
         except UserError as error:
             problems.update(dict.fromkeys(str(error).splitlines()))
@@ -125,8 +125,7 @@ def launch(
         task = Task(Path.cwd(), session.output, session.id, left, Parent())
         place = [f"session={session.id}", f"output='{session.output}'"]
         try:
-            overrides = [[*jobs[number][1], *place] for number in left]
-            errors = launchers.launch(task, overrides, [*launcher, *place], config_dirs)
+            errors = launchers.launch(task, len(left), launcher, place, config_dirs)
         except Exception as error:  # whatever a launcher may raise when a worker or a node dies
             trouble = dict.fromkeys(left, f"{type(error).__name__}: {str(error).strip().partition(os.linesep)[0]}")
         else:

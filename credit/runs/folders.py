@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +59,36 @@ class Folders:
     def lock(self, seed: int) -> Lock:
         """The lock of a run: who holds it computes it."""
         return Lock(self.of(seed) / ".lock", f"seed {seed} of {self.parent}")
+
+
+def named(config: Mapping[str, Any]) -> str:
+    """The slug of the folder that a job's runs lie in: its own, or another's where the same runs lie already.
+
+    Such a folder was named by an older rule, or by other words for the same.
+
+    Args:
+        config: of a job that knows its slug.
+    """
+    own = jobs.Job.of(config).parent
+    if not own.parent.is_dir():
+        return own.name
+    wanted = jobs.identity(config)
+    others = [folder for folder in sorted(own.parent.iterdir()) if folder != own]
+    return next((folder.name for folder in (own, *others) if _held(folder) == wanted), own.name)
+
+
+def _held(parent: Path) -> str | None:
+    """The identity of the runs in a folder, by the first of them."""
+    file = min(parent.glob("seed-*/config.yaml"), default=None)
+    return _identity(file, file.stat().st_mtime_ns) if file else None
+
+
+@lru_cache(maxsize=4096)
+def _identity(file: Path, written: int) -> str | None:
+    try:
+        return jobs.identity(jobs.read(file.parent))
+    except (UserError, KeyError, TypeError, AttributeError):  # damaged, or of a class that is not there any more
+        return None
 
 
 def find(config: Mapping[str, Any], parent: Path) -> Folders:

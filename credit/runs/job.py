@@ -11,9 +11,9 @@ from typing import Any, Literal, cast
 import torch
 import yaml
 
-from credit.config import registry, schema
+from credit.config import schema
 from credit.config.identity import identity
-from credit.config.registry import CIRCUMSTANCES
+from credit.config.kinds import CIRCUMSTANCES, KINDS
 from credit.core.errors import UserError
 from credit.core.ranges import NonNegative, NonNegativeInt, PositiveInt
 from credit.renamed import translated
@@ -29,6 +29,7 @@ class Job:
         seed: first seed. replicas: seeds side by side. device: cpu, cuda, cuda:<n> or auto.
         checkpoint_rounds: rounds between two checkpoints, at least. checkpoint_seconds: and seconds.
         output: folder of all runs. rerun: compute again what is done. session: id of the `credit train`.
+        slug: name of the folder of its runs, by what differs from the method.
         sweep: what becomes of a sweep's other jobs. written_for: the only experiment of a method, where it has one.
     """
 
@@ -43,6 +44,7 @@ class Job:
     output: str = "outputs"
     rerun: bool = False
     session: str | None = None
+    slug: str | None = None
     sweep: dict[Literal["on_error"], Literal["continue", "stop"]] = field(default_factory=dict)
     written_for: str | None = None
 
@@ -61,10 +63,15 @@ class Job:
         """The output folder, absolute."""
         return Path(self.output).resolve()
 
+    @property
+    def parent(self) -> Path:
+        """The folder of its runs."""
+        return self.folder / self.experiment / self.method / (self.slug or "default")
+
 
 def check(config: Mapping[str, Any]) -> schema.Check:
     """Every problem of a composed configuration: keys, types, ranges, fit, device, folder, tracking URI."""
-    slots = {slot: kind.load() for kind in registry.KINDS.values() for slot in kind.slots}
+    slots = {slot: kind.load() for kind in KINDS.values() for slot in kind.slots}
     trainer = schema.resolve("trainer", config["trainer"]) if schema.is_component(config.get("trainer")) else None
     if trainer is None:
         found = schema.Check({}, {}, Job, ())
@@ -121,10 +128,10 @@ def checked(config: Mapping[str, Any], say: Callable[[str], None] = lambda remar
     return {key: value for key, value in config.items() if key in found.used or key in names}
 
 
-def plan(config: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
+def plan(config: Mapping[str, Any]) -> dict[str, Any]:
     """What tells a job from others: its configuration, its folder and its seeds."""
     job = Job.of(config)
-    named = {"experiment": job.experiment, "method": job.method, "slug": registry.slug(overrides)}
+    named = {"experiment": job.experiment, "method": job.method, "slug": job.slug}
     return named | {"seed": job.seed, "replicas": job.replicas, "config_hash": identity(config)}
 
 

@@ -40,7 +40,7 @@ def resume(
         return []
     first, parent = found[0]
     output, kind = parent.parents[2], "job" if len(found) == 1 else "sweep"
-    plan = [jobs.plan(config, []) | {"slug": place.name} for config, place in found]
+    plan = [jobs.plan(config) for config, _ in found]
     with limited(threads):
         session = Session.begin(output, kind, first["experiment"], ["resume", str(folder)], first["tracking"], plan)
         tracking = schema.build(first, "tracking")
@@ -75,6 +75,7 @@ def interrupted(folder: Path) -> list[tuple[dict[str, Any], Path]]:
         for first, count in spans(sorted(seeds)):
             config = jobs.read(parent / f"seed-{first}") | {
                 "output": str(parent.parents[2]),
+                "slug": parent.name,
                 "seed": first,
                 "replicas": count,
             }

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from credit.config import registry, schema
+from credit.config import registry, schema, slugs
 from credit.runs import folders
 from credit.runs import job as jobs
 from credit.runs.session import JobRecord, Session
@@ -42,16 +42,24 @@ class Result:
     error: str | None = None
 
 
-def compose(overrides: Sequence[str] = (), *, config_dirs: Sequence[str] = ()) -> dict[str, Any]:
-    """The resolved and checked configuration of one job, without what it does not use.
+def compose(
+    overrides: Sequence[str] = (),
+    *,
+    config_dirs: Sequence[str] = (),
+    say: Callable[[str], None] = lambda remark: None,
+) -> dict[str, Any]:
+    """The resolved and checked configuration of one job, without what it does not use; it knows its folder.
 
     Args:
         overrides: as on the command line. config_dirs: further folders of YAML files.
+        say: called with what is right, but a user should know.
 
     Raises:
         UserError: with every problem found.
     """
-    return jobs.checked(registry.compose(overrides, config_dirs))
+    config = jobs.checked(registry.compose(overrides, config_dirs), say)
+    named = config | {"slug": slugs.slug(config, overrides, config_dirs)}
+    return named | {"slug": folders.named(named)}
 
 
 def run(
@@ -82,8 +90,8 @@ def run(
     """
     config = compose(overrides, config_dirs=config_dirs)
     job = jobs.Job.of(config)
-    place(config, list(overrides))  # refuses a folder of another configuration before anything is made
-    plan = [jobs.plan(config, list(overrides))]
+    place(config)  # refuses a folder of another configuration before anything is made
+    plan = [jobs.plan(config)]
     with limited(threads):
         session = Session.begin(
             job.folder, "job", job.experiment, ["train", *overrides], config["tracking"], plan, config_dirs
@@ -100,21 +108,15 @@ def run(
     return result
 
 
-def place(config: Mapping[str, Any], overrides: Sequence[str]) -> Path:
+def place(config: Mapping[str, Any]) -> Path:
     """The folder of a job's runs, looked through before anything is made.
 
     Raises:
         UserError: a folder in it holds a run of another configuration, or a checkpoint that cannot be read.
     """
-    parent = folder_of(config, overrides)
+    parent = jobs.Job.of(config).parent
     folders.find(config, parent)
     return parent
-
-
-def folder_of(config: Mapping[str, Any], overrides: Sequence[str]) -> Path:
-    """The folder of a job's runs."""
-    job = jobs.Job.of(config)
-    return job.folder / job.experiment / job.method / registry.slug(overrides)
 
 
 def run_job(
@@ -133,7 +135,7 @@ def run_job(
 
     Args:
         config: checked. overrides: as they were typed. session, number: whose job it is. progress: as in `run`.
-        parent: the folder of its runs, where that is not to be told from the overrides.
+        parent: the folder of its runs, where that is not what its names make.
         signals: as in `run`.
 
     Raises:
@@ -143,7 +145,7 @@ def run_job(
     job = jobs.Job.of(config)
     begun, computed, resumed = time.monotonic(), list[int](), list[int]()
     status, error = "FINISHED", None
-    with folders.claimed(config, parent or folder_of(config, overrides)) as found:
+    with folders.claimed(config, parent or job.parent) as found:
         for group in found.groups:
             work = Work(config, overrides, session, number, found, group)
             status, error = work.compute(progress, signals)

@@ -7,12 +7,13 @@ import shlex
 
 import pytest
 
-from credit.config import registry
+from credit.config import files, registry
 from credit.core.errors import UserError
 from credit.runs import job
+from credit.runs.runner import compose
 
 FILES = [
-    pytest.param(name, marks=() if name == "table1" else pytest.mark.slow) for name in sorted(registry.options("sweep"))
+    pytest.param(name, marks=() if name == "table1" else pytest.mark.slow) for name in sorted(files.options("sweep"))
 ]
 METHODS = "block,delayed,reference,adaptive_mse,disagreement,block_fair,delayed_fair,thompson,elliptical,oracle,random"
 
@@ -20,7 +21,7 @@ METHODS = "block,delayed,reference,adaptive_mse,disagreement,block_fair,delayed_
 @pytest.mark.parametrize("name", FILES)
 def test_every_file_composes_and_checks(name):
     jobs = registry.expand([f"sweep={name}", "tracking=none"])
-    plans = [job.plan(job.checked(registry.compose(words)), words) for words in jobs]
+    plans = [job.plan(compose(words)) for words in jobs]
     folders = {(plan["experiment"], plan["method"], plan["slug"]) for plan in plans}
     assert len(folders) == len(jobs) > 1, "two jobs in one folder"
 
@@ -47,7 +48,7 @@ FEW = "experiment=pointmaze seed=2000 replicas=10 method=reference,disagreement,
             ],
         ),
         ("pointmaze_few", [f"{FEW} env.successes={n} env.partials={n} env.failures={n}" for n in (3, 1)]),
-        ("pointmaze_large", [f"{FEW} env.maze=Large env.goal=[7,10] tuned.window=440 trainer.steps=26400"]),
+        ("pointmaze_large", [f"{FEW} env.maze=Large env.goal=[7,10] feedback.window=440 trainer.steps=26400"]),
     ],
 )
 def test_a_file_stands_for_the_commands_of_the_readme(name, commands):
@@ -59,7 +60,7 @@ def test_a_file_stands_for_the_commands_of_the_readme(name, commands):
 
 def test_a_row_that_leaves_something_out_has_the_folder_of_the_command():
     words = next(words for words in registry.expand(["sweep=sepsis"]) if any("~" in word for word in words))
-    assert registry.slug(words) == registry.slug([*words[:4], "~surrogates.health", "~surrogates.health_last"])
+    assert compose(words)["slug"] == "~surrogates.health,~surrogates.health_last"
 
 
 def test_typed_words_count_more_than_those_of_the_file():
@@ -110,7 +111,7 @@ def test_one_job_is_no_sweep():
 
 def test_what_becomes_of_the_others_is_no_part_of_a_run():
     words = ["method=random", "tracking=none"]
-    plans = [job.plan(job.checked(registry.compose(more)), more) for more in (words, [*words, "sweep.on_error=stop"])]
+    plans = [job.plan(compose(more)) for more in (words, [*words, "sweep.on_error=stop"])]
     assert plans[0] == plans[1]
     assert job.check(registry.compose([*words, "sweep.on_error=halt"])).problems == [
         "sweep={'on_error': 'halt'}: Input should be 'continue' or 'stop'; "

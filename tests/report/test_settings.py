@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import yaml
 
-from credit.config import registry
+from credit.config import kinds, registry, slugs
 from credit.core.errors import UserError
 from credit.report.published import load_paper
 from credit.report.runs import load_runs
@@ -62,7 +62,7 @@ def test_a_variant_leaves_out_what_makes_the_setting(slug: str, left: str):
 
 def test_every_slot_and_every_key_of_the_trainer_is_of_the_problem_or_of_the_learner():
     """What is new must be put on one side, or runs of other problems become variants of a method."""
-    slots = {slot for kind in registry.KINDS.values() for slot in kind.slots}
+    slots = {slot for kind in kinds.KINDS.values() for slot in kind.slots}
     learner = {
         "reference",
         "surrogates",
@@ -97,13 +97,13 @@ def test_a_setting_is_read_from_what_a_run_writes(tmp_path: Path):
 @pytest.mark.parametrize(
     "override",
     [
-        *("feedback=terminal", "tuned.noise=.5", "tuned.window=3", "env.states=12", "env.p_up=.5"),
+        *("feedback=terminal", "feedback.noise=.5", "feedback.window=3", "env.states=12", "env.p_up=.5"),
         *("trainer.steps=700", "trainer.log_every=10"),
     ],
 )
 def test_what_changes_the_problem_or_the_budget_changes_the_setting(override: str):
     assert values_of(registry.compose([override])) != values_of(registry.compose([]))
-    assert variant(registry.slug([override])) == "default"
+    assert variant(slugs.slug(registry.compose([override]), [override])) == "default"
 
 
 @pytest.mark.parametrize(
