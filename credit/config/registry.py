@@ -145,7 +145,7 @@ def plain(config: Any) -> dict[str, Any]:
 
 
 @contextmanager
-def composing(overrides: Sequence[str] = (), config_dirs: Sequence[str] = ()) -> Iterator[None]:
+def composing(overrides: Sequence[str] = (), config_dirs: Sequence[str] = ()) -> Iterator[layers.Layer]:
     """Hydra's compose API, which leaves no global state behind; files are read as the experiment and method wish."""
     base = files.read(files.conf_dir() / f"{CONFIG_NAME}.yaml")["defaults"]
     first = {group: option for entry in base if isinstance(entry, dict) for group, option in entry.items()}
@@ -156,8 +156,9 @@ def composing(overrides: Sequence[str] = (), config_dirs: Sequence[str] = ()) ->
     with hydra.initialize_config_dir(str(files.conf_dir()), version_base="1.3", job_name="credit"):
         GlobalHydra.instance().clear()
         Hydra.create_main_hydra2("credit", _search_path(config_dirs))
-        with layers.applied(layers.Layer.of(**names, config_dirs=config_dirs)):
-            yield
+        layer = layers.Layer.of(**names, config_dirs=config_dirs)
+        with layers.applied(layer):
+            yield layer
 
 
 def _search_path(config_dirs: Sequence[str]) -> Any:

@@ -140,6 +140,9 @@ def test_infinite_labels_stop_the_run(credit, folder):
 def test_check_and_list_and_help_build_nothing(credit, folder):
     assert "# all right" in credit("check", "method=block").out
     assert "# 2 jobs, all right" in credit("check", "-m", "method=block,random").out
+    explained = credit("check", "--explain", "experiment=sepsis").out
+    assert any(line.split() == ["mixer.alpha", "1.0", "experiment=sepsis"] for line in explained.splitlines())
+    assert "--explain is of one job" in credit("check", "-m", "--explain", "method=block,random").err
     listing = credit("list").out
     for name in (
         "disagreement",
