@@ -3,20 +3,16 @@ without an edit, and so is a new experiment."""
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
 
 from credit.agents.random import Random
-from credit.config import files, kinds, registry, schema, signatures
-from credit.config.identity import plain
-from credit.core.errors import UserError
+from credit.config import files, schema
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import (
     Agent,
@@ -34,63 +30,10 @@ from credit.core.store import Store
 from credit.core.windows import Windows
 from credit.envs.collect import Collector
 from credit.judges.choose import judge
-from credit.runs import job
-from credit.trainer import Trainer
 
-SEEDS = (3, 4)
+from .short import EXPERIMENTS, SEEDS, checked, composed, options, selection
+
 SIGNED = {"thompson"}  # a posterior draw lies on either side of the mean
-EVERY = sorted(files.options("experiment").keys() - {"generic"})  # which has no environment of its own
-EXPERIMENTS = [name for name in EVERY if not name.endswith("_paper")]  # which are others with another recipe
-FILES = [(kind, name) for kind in kinds.KINDS for name in files.options(kind)]
-FEW = {"first_steps": 4, "steps": 2, "updates": 4, "first_updates": 6, "width": 8, "batch": 8, "stride": 3}
-SMALL: dict[str, dict[str, Any]] = {  # what makes an environment quick: two free cells, few demonstrations
-    "PointMaze": {"env": {"maze": ["1111", "1001", "1111"], "start": [1, 1], "goal": [1, 2], "successes": 2}},
-}
-SMALL["PointMaze"]["env"] |= {"partials": 0, "failures": 1, "evaluation_episodes": 2}
-SMALL["PointMaze"]["feedback"] = {"window": 40}
-SHORT = {"windows_per_round": 2, "first_windows": 0, "random_windows": 0, "log_every": 4}
-WINDOWS = 6  # of a short run
-
-
-@cache
-def composed(*overrides: str) -> dict[str, Any]:
-    """The whole configuration of a short run, made small; not to be changed."""
-    config = registry.compose(["tracking=none", *overrides])
-    if changes := SMALL.get(schema.resolve("env", config["env"]).__name__):
-        config = _less(config) | {slot: config[slot] | keys for slot, keys in changes.items()}
-    trainer = config["trainer"] | SHORT | {"steps": WINDOWS * config["feedback"]["window"]}
-    return config | {"trainer": trainer}
-
-
-def _less(node: Any) -> Any:
-    """The same configuration with less work in it."""
-    if isinstance(node, Mapping):
-        return {key: FEW[key] if key in FEW else _less(value) for key, value in node.items()}
-    return node
-
-
-@cache
-def checked(*overrides: str) -> tuple[list[str], set[str]]:
-    """What is wrong with some overrides, and the slots that they use."""
-    try:
-        found = job.check(composed(*overrides))
-    except UserError as error:  # there is nothing where an option would go
-        return [str(error)], set()
-    return list(found.problems), found.used
-
-
-def problems_of(*overrides: str) -> list[str]:
-    return checked(*overrides)[0]
-
-
-def selection(kind: str, name: str) -> list[str]:
-    """The override that puts an option where it is used."""
-    return {
-        "reward": [f"reward@reference={name}"],
-        "features": [f"features@reference.features={name}"],
-        "bonus": [f"bonus=[{name}]"],
-        "tracking": [f"tracking={name}"],
-    }.get(kind, [f"{kind}={name}"])
 
 
 def goes_with(kind: str, name: str) -> Iterator[tuple[str, ...]]:
@@ -102,11 +45,6 @@ def goes_with(kind: str, name: str) -> Iterator[tuple[str, ...]]:
             if not problems and {"reward": "reference", "features": "reference"}.get(kind, kind) in used:
                 yield words
                 break
-
-
-def options(kind: str) -> list[Any]:
-    """Registered names of a kind."""
-    return sorted(files.options(kind))
 
 
 @cache
@@ -144,105 +82,11 @@ def assigned(words: tuple[str, ...]) -> tuple[Any, Problem, Store]:
     return assigner, problem, store
 
 
-def nodes(kind: str, name: str) -> dict[str, Any]:
-    """Path → configuration of the components that an option makes."""
-    config = registry.compose(["tracking=none", *selection(kind, name)])
-    if kind == "features":
-        return {"reference.features": config["reference"]["features"]}
-    return schema.members(config, "reference" if kind == "reward" else kind)
-
-
-def classes(kind: str, name: str) -> list[type]:
-    return [schema.resolve(path, node) for path, node in nodes(kind, name).items()]
-
-
 def some(kind: str, name: str) -> list[tuple[str, ...]]:
     """Every experiment that an option goes with; there must be one."""
     found = list(goes_with(kind, name))
     assert found, f"{kind}={name} goes with no experiment"
     return found
-
-
-@pytest.mark.parametrize(("kind", "name"), FILES)
-def test_class_kind_and_words(kind: str, name: str) -> None:
-    assert files.describe_file(files.options(kind)[name])
-    for cls in classes(kind, name):
-        assert issubclass(cls, kinds.KINDS[kind].load())
-        assert not inspect.isabstract(cls)
-        assert cls.__doc__
-        assert cls.__doc__.strip().splitlines()[0].strip()
-
-
-@pytest.mark.parametrize(("kind", "name"), FILES)
-def test_every_parameter_has_a_value_and_every_key_a_parameter(kind: str, name: str) -> None:
-    slots = {slot for other in kinds.KINDS.values() for slot in other.slots}
-    for cls, node in zip(classes(kind, name), nodes(kind, name).values(), strict=True):
-        parameters = signatures.signature(cls)
-        assert node.keys() - {"_target_"} <= parameters.keys()
-        for parameter, (hint, default) in parameters.items():
-            assert parameter in node or default is not signatures.REQUIRED or parameter in slots, parameter
-            assert hint is not Any, f"{parameter} has no type hint"
-
-
-@pytest.mark.parametrize(("kind", "name"), FILES)
-def test_every_parameter_is_documented(kind: str, name: str) -> None:
-    for cls in classes(kind, name):
-        for parameter in signatures.signature(cls):
-            assert f"{parameter}:" in (cls.__doc__ or ""), parameter
-
-
-@cache
-def written() -> dict[type, list[dict[str, Any]]]:
-    """Class → what each of its files says."""
-    found: dict[type, list[dict[str, Any]]] = {}
-    for kind, name in FILES:
-        node = files.read(files.options(kind)[name])
-        if "_target_" in node:
-            found.setdefault(schema.resolve(name, node), []).append(node)
-    return found
-
-
-@pytest.mark.parametrize("cls", written(), ids=lambda cls: cls.__name__)
-def test_a_default_has_one_spelling(cls: type) -> None:
-    """The constructor's is that of the file; of a class with several recipes, that of one of them."""
-    for parameter, (hint, default) in signatures.signature(cls).items():
-        values = [plain(node[parameter]) for node in written()[cls] if parameter in node]
-        if values and default is not signatures.REQUIRED and not signatures.component_kind(hint):
-            assert plain(default) in values, parameter
-            assert len(written()[cls]) > 1 or values == [plain(default)], parameter
-
-
-@pytest.mark.parametrize(("kind", "name"), FILES)
-def test_a_variant_says_what_differs_and_nothing_else(kind: str, name: str) -> None:
-    node = files.read(files.options(kind)[name])
-    for base in files.bases(kind, node):
-        before = registry.compose(["tracking=none", *selection(kind, base)])
-        now = registry.compose(["tracking=none", *selection(kind, name)])
-        slot = "reference" if kind == "reward" else kind
-        for key in node.keys() - {"defaults", "_target_"}:
-            there, here = (next(iter(schema.members(config, slot).values())) for config in (before, now))
-            assert there.get(key, "…") != here[key], key
-
-
-def keys_without_comment(path: Path) -> list[str]:
-    """Keys that carry no comment, beside or above them; names and what chooses other files need none."""
-    found, above, inside = [], False, False
-    for line in path.read_text(encoding="utf-8").splitlines():
-        stripped = line.strip()
-        if stripped.startswith("#"):
-            above = True
-            continue
-        inside = stripped == "defaults:" or (inside and stripped.startswith("-"))
-        key = stripped.partition(":")[0]
-        if stripped and not inside and key not in ("_target_", "name", "surrogates") and "#" not in line and not above:
-            found.append(key)
-        above = False
-    return found
-
-
-@pytest.mark.parametrize(("kind", "name"), FILES)
-def test_every_key_has_a_comment(kind: str, name: str) -> None:
-    assert keys_without_comment(files.options(kind)[name]) == []
 
 
 @pytest.mark.parametrize("name", sorted(files.options("mixer")))
@@ -450,65 +294,3 @@ def test_environments(experiment: str) -> None:
     grid = env.grid()
     assert grid is None or len(grid.states) == len(grid.actions)
     assert isinstance(env.picture(1), dict)
-
-
-@pytest.mark.parametrize("method", options("method"))
-def test_methods_run(method: str) -> None:
-    """On the first experiment that takes them; every row of the journal is whole."""
-    found = (e for e in EXPERIMENTS if not problems_of(f"experiment={e}", f"method={method}"))
-    experiment = next(found, None)
-    assert experiment is not None, f"no experiment takes {method}"
-    rows = run(f"experiment={experiment}", f"method={method}")
-    assert rows
-    for values in rows:
-        assert all(value.shape == (2,) for value in values.values())
-        known = {
-            name: value for name, value in values.items() if not name.startswith(("policy/", "eval/", "optimizer/"))
-        }
-        assert all(torch.isfinite(value).all() for value in known.values() if name_is_of_run(known)), values
-
-
-def name_is_of_run(values: Mapping[str, Any]) -> bool:
-    return "regret/cumulative" in values  # rollouts know nothing before the first round
-
-
-def run(*words: str) -> list[dict[str, torch.Tensor]]:
-    config = composed(*words)
-    trainer: Trainer = schema.build(job.checked(config), "trainer")
-    trainer.start(SEEDS)
-    rows: list[dict[str, torch.Tensor]] = []
-    trainer.run(lambda step, values: rows.append(values))
-    assert trainer.collected == WINDOWS
-    return rows
-
-
-@pytest.mark.parametrize("feedback", ["block_sum", "terminal"])
-@pytest.mark.parametrize("method", ["reference", "adaptive_mse", "disagreement", "random", "oracle"])
-def test_methods_run_in_episodes(method: str, feedback: str) -> None:
-    rows = run("experiment=sepsis", f"method={method}", f"feedback={feedback}")
-    for values in rows:
-        assert all(value.shape == (2,) and torch.isfinite(value).all() for value in values.values()), values
-
-
-@pytest.mark.parametrize("name", EVERY)
-def test_an_experiment_takes_every_method_or_says_why_not(name: str) -> None:
-    taken = []
-    for method in files.options("method"):
-        config = registry.compose(["tracking=none", f"experiment={name}", f"method={method}"])
-        assert (config["experiment"], config["method"]) == (name, method)
-        found = job.check(config).problems
-        said = (" needs ", "written for", "is made for")
-        assert all(any(words in problem for words in said) for problem in found), found
-        taken += [] if found else [method]
-    assert {"reference", "adaptive_mse", "disagreement", "random", "oracle"} <= set(taken)
-
-
-@pytest.mark.parametrize("kind", sorted({*kinds.CHOICES} - {"sweep"}))
-def test_choices_compose(kind: str) -> None:
-    """Every choice goes with one experiment at least."""
-    for name in files.options(kind):
-        if name == "generic":
-            continue
-        experiments = [name] if kind == "experiment" else EXPERIMENTS
-        choice = () if kind == "experiment" else (f"{kind}={name}",)
-        assert any(not problems_of(f"experiment={experiment}", *choice) for experiment in experiments), name

@@ -18,7 +18,7 @@ import torch
 import yaml
 from torch import Tensor
 
-from credit.config import files, kinds, registry, schema
+from credit.config import files, kinds, schema
 from credit.core.problem import Problem
 from credit.core.seams import Agent, Environment, Transitions
 from credit.core.truth import Truth
@@ -26,12 +26,10 @@ from credit.core.windows import Windows
 from credit.runs import job
 from credit.trainer import Trainer
 
-SEEDS = (3, 4)
+from . import short
+from .short import EXPERIMENTS, SEEDS
+
 MAIN = {"block", "delayed", "delayed_fair", "disagreement", "reference"}  # others are their parts in other combinations
-TRAINER = {"windows_per_round": 2, "first_windows": 0, "random_windows": 2, "log_every": 4}
-FEW = {"first_steps": 4, "steps": 2, "updates": 4, "first_updates": 6, "width": 8, "batch": 8, "stride": 3}
-MAZE = ["env.maze=['1111','1001','1111']", "env.start=[1,1]", "env.goal=[1,2]", "env.successes=2", "env.partials=0"]
-SMALL = {"pointmaze": [*MAZE, "env.failures=1", "env.evaluation_episodes=2", "feedback.window=40"]}
 
 
 class Moved(Environment):
@@ -99,25 +97,15 @@ class Moved(Environment):
         return self.env.truth(objective, window)
 
 
-def less(node: Any) -> Any:
-    """The same configuration with less work in it."""
-    if isinstance(node, Mapping):
-        return {key: FEW[key] if key in FEW else less(value) for key, value in node.items()}
-    return node
-
-
-# those of the paper are the same environments and feedbacks with another recipe
-EXPERIMENTS = [e for e in sorted(files.options("experiment")) if not e.endswith("_paper") and e != "generic"]
-
-
 @cache
 def composed(experiment: str, feedback: str, method: str) -> dict[str, Any]:
     """The whole configuration of a short run, with a window that is cut short where that may be."""
-    chosen = [f"experiment={experiment}", f"feedback={feedback}", f"method={method}", *SMALL.get(experiment, [])]
-    config = less(registry.compose(["tracking=none", *chosen]))
-    window = config["feedback"]["window"]
-    rest = 0 if experiment in SMALL else window // 2
-    return config | {"trainer": config["trainer"] | TRAINER | {"steps": (4 if rest == 0 else 12) * window + rest}}
+    config = short.composed(f"experiment={experiment}", f"feedback={feedback}", f"method={method}")
+    if schema.resolve("env", config["env"]).__name__ in short.SMALL:
+        steps = 4 * config["feedback"]["window"]
+    else:
+        steps = 25 * config["feedback"]["window"] // 2
+    return config | {"trainer": config["trainer"] | {"random_windows": 2, "steps": steps}}
 
 
 FITTING = 40  # at least; a fault in a configuration must not make tests vanish

@@ -16,14 +16,11 @@ from credit.recovery.bonuses import Count
 from credit.runs import checkpoint, job
 from credit.trainer import Trainer
 
-from .test_components import SMALL, selection
-from .test_components import composed as small
+from . import short
+from .short import SMALL, selection
 
 KINDS = [kind for kind in kinds.KINDS if kind != "tracking"]
-EXPERIMENTS = sorted(
-    (name for name in files.options("experiment") if not name.endswith("_paper") and name != "generic"),
-    key="pointmaze".__eq__,
-)
+EXPERIMENTS = sorted(short.EXPERIMENTS, key="pointmaze".__eq__)  # the quick ones first
 QUICK = ("mixer", "bonus")  # of the rest, methods and two tests below stand for most
 ALONE = ["method=reference"]  # where no surrogate has the name of the reference
 ROUNDS = {"windows_per_round": 2, "first_windows": 0, "log_every": 4, "random_windows": 3}
@@ -36,7 +33,7 @@ def composed(*overrides: str) -> dict[str, Any]:
     """The configuration of a short run: five rounds and a window that is cut short; not to be changed."""
     config = registry.compose(["tracking=none", *overrides])
     if schema.resolve("env", config["env"]).__name__ in SMALL:
-        return small(*overrides)
+        return short.composed(*overrides)
     window = config["feedback"]["window"]
     return config | {"trainer": config["trainer"] | ROUNDS | {"steps": WINDOWS * window + window // 2}}
 
