@@ -14,31 +14,16 @@ from credit.agents.finite_horizon import FiniteHorizon
 from credit.core.cells import PAIRS, Cells
 from credit.core.policy import TablePolicy
 from credit.core.problem import FLOAT, Problem
-from credit.core.seams import CreditAssigner, Transition
+from credit.core.seams import Transition
 from credit.core.store import Store
 from credit.core.windows import Windows
 from credit.planning.counts import Counts, ObservedCounts
 
+from .assigners import Believed
+
 Make = Callable[..., Problem]
 STATES, ACTIONS, WINDOW = 6, 3, 4
 CELLS = Cells(PAIRS, (STATES, ACTIONS))
-
-
-class Believed(CreditAssigner):
-    """An assigner that has given tables [R, N]."""
-
-    def __init__(self, mixed: torch.Tensor, plan: torch.Tensor, cells: Cells) -> None:
-        self._table = cells, plan, mixed
-
-    def start(self, problem: Problem) -> None: ...
-
-    def observe(self, store: Store) -> None: ...
-
-    def table(self) -> tuple[Cells, torch.Tensor, torch.Tensor]:
-        return self._table
-
-    def rewards(self, windows: Windows) -> torch.Tensor:
-        raise NotImplementedError
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from credit.core.cells import Axis, Cells
 from credit.core.errors import UserError
 from credit.core.policy import TablePolicy
 from credit.core.problem import FLOAT, Problem
-from credit.core.seams import Agent, CreditAssigner, Transition
+from credit.core.seams import Agent, Transition
 from credit.core.store import Store
 from credit.core.windows import Windows
 from credit.planning.counts import Counts, ObservedCounts
@@ -26,6 +26,8 @@ from credit.recovery.mixers import ReferenceOnly
 from credit.recovery.models.linear import LinearModel
 from credit.recovery.recovery import Recovery
 from credit.recovery.uncertainty.bootstrap import Bootstrap
+
+from .assigners import Believed
 
 Make = Callable[..., Problem]
 STATES, ACTIONS, WINDOW = 5, 3, 4
@@ -38,23 +40,6 @@ KINDS: list[tuple[Axis, ...]] = [
     ("state",),
     ("step", "action"),
 ]
-
-
-class Believed(CreditAssigner):
-    """An assigner that has given tables [R, N]."""
-
-    def __init__(self, mixed: torch.Tensor, plan: torch.Tensor, cells: Cells) -> None:
-        self._table = cells, plan, mixed
-
-    def start(self, problem: Problem) -> None: ...
-
-    def observe(self, store: Store) -> None: ...
-
-    def table(self) -> tuple[Cells, torch.Tensor, torch.Tensor]:
-        return self._table
-
-    def rewards(self, windows: Windows) -> torch.Tensor:
-        raise NotImplementedError
 
 
 def problem_of(make_problem: Make, episodic: bool) -> Problem:

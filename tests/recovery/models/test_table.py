@@ -14,7 +14,8 @@ from credit.core.problem import FLOAT, Problem
 from credit.core.steps import Steps
 from credit.core.windows import Windows
 from credit.recovery.models import table
-from credit.recovery.models.table import Design, TableModel
+from credit.recovery.models.conjugate import Design
+from credit.recovery.models.table import TableModel
 from credit.recovery.uncertainty.bootstrap import Analytic
 
 from ..fits import Experience, Given, of_replica, part, poisson
