@@ -28,8 +28,8 @@ SAID = {  # old target → keys that were not said then, since they were part of
 WORDS = {  # group, group=option, or key → what to write instead
     "recovery": "one recovery serves all problems: leave it out, or write assigner=recovery",
     "oracle": "one model serves all oracles: leave it out, or write reward@reference=primitive",
-    "planner": "write optimizer=…; an experiment says choose: {planner: …}",
-    "learner": "write optimizer=…; an experiment says choose: {learner: …}",
+    "planner": "write agent=…; an experiment says choose: {planner: …}",
+    "learner": "write agent=…; an experiment says choose: {learner: …}",
     "assigner=step_recovery": "assigner=recovery",
     "reward=primitive_steps": "reward@reference=primitive",
     "tuned": "a key has one name; an experiment says its value there: defaults_for: {mixer/relative_mse.alpha: …}",
@@ -45,6 +45,7 @@ WORDS = {  # group, group=option, or key → what to write instead
     "tuned.reference_scale": "now bonus.local_mse.scale",
     "tuned.lambda_visits": "now bonus.disagreement.lambda_visits, or bonus.local_mse.lambda_visits",
 }
+SLOTS = {"optimizer": "agent"}  # a group, and the key that its options fill
 GONE = {"poison"}  # keys that decided nothing
 MODULES = {
     "credit.optimizers": "credit.agents",
@@ -53,6 +54,7 @@ MODULES = {
     "credit.report.maze": "credit.report.pointmaze",
     "credit.rewards": "credit.recovery.models",
     "credit.rewards.features": "credit.recovery.features",
+    "credit.agents.sac.optimizer": "credit.agents.sac.agent",
     "credit.alike": "credit.recovery.tables",
     "credit.artifacts": "credit.runs.artifacts",
     "credit.bonuses": "credit.recovery.bonuses",
@@ -87,7 +89,7 @@ MODULES = {
     "credit.optimizers.sac.learner": "credit.agents.sac.learner",
     "credit.optimizers.sac.loss": "credit.agents.sac.loss",
     "credit.optimizers.sac.networks": "credit.agents.sac.networks",
-    "credit.optimizers.sac.optimizer": "credit.agents.sac.optimizer",
+    "credit.optimizers.sac.optimizer": "credit.agents.sac.agent",
     "credit.optimizers.sac.policy": "credit.agents.sac.policy",
     "credit.optimizers.value_iteration": "credit.agents.value_iteration",
     "credit.planning": "credit.planning.solve",
@@ -154,21 +156,31 @@ def instead(word: str) -> str | None:
     Example:
         >>> instead("tuned.mixer_alpha=.3")
         'now mixer.alpha'
+        >>> instead("optimizer.discount=.9")
+        'now agent.discount'
     """
     name, _, value = word.lstrip("+~").partition("=")
     group = name.partition("@")[0]
+    slot, dot, key = group.partition(".")
+    if slot in SLOTS:
+        return f"now {SLOTS[slot]}{dot}{key}"
     return WORDS.get(group) or WORDS.get(f"{group}={value}")
 
 
-def translated(config: Any) -> Any:
-    """A configuration of any version, as today's code would have written it; what is not understood stays."""
-    if isinstance(config, Mapping):
-        found = {key: translated(value) for key, value in config.items()}
+def translated(config: Mapping[str, Any]) -> dict[str, Any]:
+    """A whole configuration of any version, as today's code would have written it; what is not understood stays."""
+    return {SLOTS.get(slot, slot): _translated(value) for slot, value in config.items()}
+
+
+def _translated(node: Any) -> Any:
+    """A component, with all that is in it."""
+    if isinstance(node, Mapping):
+        found = {key: _translated(value) for key, value in node.items()}
         if isinstance(target := found.get("_target_"), str):
             found = {key: value for key, value in found.items() if key not in GONE}
             found = {**SAID.get(target, {}), **found, "_target_": today(target)}
         return found
-    return [translated(value) for value in config] if isinstance(config, list) else config
+    return [_translated(value) for value in node] if isinstance(node, list) else node
 
 
 class Answers(MetaPathFinder):

@@ -32,7 +32,7 @@ class Trainer(Component):
         env: where steps happen.
         feedback: what a label is.
         assigner: windows → one reward per step.
-        optimizer: rewards → policy.
+        agent: rewards → policy.
         steps: primitive steps a run; a last window that they cut short gives no label and is not learned from. Where
             trajectories may end early, each counts for its longest.
         windows_per_round: windows collected between two refits.
@@ -43,7 +43,7 @@ class Trainer(Component):
     """
 
     keeps: ClassVar = (
-        *("env", "feedback", "collector", "assigner", "optimizer", "_explorer", "judge", "store"),
+        *("env", "feedback", "collector", "assigner", "agent", "_explorer", "judge", "store"),
         *("rounds", "collected"),
     )
 
@@ -52,7 +52,7 @@ class Trainer(Component):
         env: Environment,
         feedback: Feedback,
         assigner: CreditAssigner,
-        optimizer: Agent,
+        agent: Agent,
         steps: PositiveInt = 14_000,
         windows_per_round: PositiveInt = 1,
         first_windows: NonNegativeInt = 0,
@@ -63,7 +63,7 @@ class Trainer(Component):
         self.env = env
         self.feedback = feedback
         self.assigner = assigner
-        self.optimizer = optimizer
+        self.agent = agent
         self.steps = steps
         self.windows_per_round = windows_per_round
         self.first_windows = first_windows
@@ -94,12 +94,12 @@ class Trainer(Component):
                 f"trainer.steps={self.steps}: trajectories cannot be cut short; take a multiple of feedback.window="
                 f"{window}, like {max(whole, 1) * window}"
             )
-        roots = {"feedback": self.feedback, "assigner": self.assigner, "optimizer": self.optimizer}
+        roots = {"feedback": self.feedback, "assigner": self.assigner, "agent": self.agent}
         require(roots, self.problem)
         self.env.start(self.problem)
         parts = [part for name, root in roots.items() for _, part in parts_of(root, name)]
         inform(parts, self.env.knowledge(), type(self.env).__name__)
-        for part in (self.feedback, self.assigner, self.optimizer, self._explorer):
+        for part in (self.feedback, self.assigner, self.agent, self._explorer):
             part.start(self.problem)
         self.collector = Collector(self.env, self.feedback, self.problem)
         self.judge = judge(self.env, self.feedback, self.problem, self.collector.evaluation)
@@ -148,16 +148,16 @@ class Trainer(Component):
         log(self.steps, self.metrics())
 
     def metrics(self) -> dict[str, Tensor]:
-        """Metric → [R], as judged, and what the optimizer says of itself."""
-        own = {f"optimizer/{name}": value for name, value in self.optimizer.diagnostics().items()}
-        return self.judge.measure(self.optimizer.policies(), self.belief()) | own
+        """Metric → [R], as judged, and what the agent says of itself."""
+        own = {f"optimizer/{name}": value for name, value in self.agent.diagnostics().items()}
+        return self.judge.measure(self.agent.policies(), self.belief()) | own
 
     def belief(self) -> Belief | None:
         """What is believed about the reward, where the assigner believes something."""
         return self.assigner.belief()
 
     def _actor(self) -> Agent:
-        return self._explorer if self.collected < self.random_windows else self.optimizer
+        return self._explorer if self.collected < self.random_windows else self.agent
 
     def _round(self, done: int) -> int:
         """How many windows come before the next refit; a round crosses neither border."""
@@ -182,7 +182,7 @@ class Trainer(Component):
         self.store.append(replace(windows, primitive=primitive) if self._shows_primitive else windows, checked)
         try:
             self.assigner.observe(self.store)
-            self.optimizer.improve(self.store, self.assigner)
+            self.agent.improve(self.store, self.assigner)
         except RunError as error:
             raise RunError(f"round {self.rounds}: {error}") from error
         self.rounds += 1

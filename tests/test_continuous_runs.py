@@ -13,7 +13,7 @@ from torch import Tensor
 
 import credit
 from credit.agents.random import Random
-from credit.agents.sac.optimizer import SAC
+from credit.agents.sac.agent import SAC
 from credit.core.belief import Estimate
 from credit.core.errors import RunError, UserError
 from credit.core.problem import Problem
@@ -48,12 +48,12 @@ def tiny() -> SAC:
 def trainer_of(
     seeds: tuple[int, ...] = (0,),
     assigner: CreditAssigner | None = None,
-    optimizer: Agent | None = None,
+    agent: Agent | None = None,
     env: PointMaze | None = None,
     **keys: Any,
 ) -> Trainer:
     plan = {"steps": 4 * H, "windows_per_round": 2, "log_every": 2} | keys
-    trainer = Trainer(env or maze(), Success(H), assigner or Delayed(), optimizer or tiny(), **plan)
+    trainer = Trainer(env or maze(), Success(H), assigner or Delayed(), agent or tiny(), **plan)
     trainer.start(seeds)
     return trainer
 
@@ -110,7 +110,7 @@ class Watched(Random):
 
 def test_demonstrations_are_learned_from_before_the_first_round() -> None:
     watched = Watched()
-    trainer, told = trainer_of((0, 1), optimizer=watched), list[int]()
+    trainer, told = trainer_of((0, 1), agent=watched), list[int]()
     journal: Journal = []
     trainer.run(lambda step, values: journal.append((step, values)), told.append)
     assert watched.did == [
@@ -136,7 +136,7 @@ def test_demonstrations_are_learned_from_before_the_first_round() -> None:
 
 def test_without_demonstrations_a_run_starts_with_a_round() -> None:
     watched = Watched()
-    journal = run(trainer_of(optimizer=watched, env=maze(successes=0, failures=0)))
+    journal = run(trainer_of(agent=watched, env=maze(successes=0, failures=0)))
     assert watched.did[:2] == ["collect", "learn from 2 new of 2"]
     assert [step for step, _ in journal] == [2 * H, 4 * H]
 
@@ -196,9 +196,9 @@ def test_a_network_that_is_no_number_stops_the_run_and_says_when() -> None:
 
     def spoil(step: int, values: dict[str, Tensor]) -> None:
         if step == 2 * H:
-            trainer.optimizer.actor.blocks[0][1].fill_(torch.nan)  # type: ignore[attr-defined]
+            trainer.agent.actor.blocks[0][1].fill_(torch.nan)  # type: ignore[attr-defined]
 
-    trainer.optimizer.act = lambda states, step: torch.zeros(*states.shape[:2], 2)  # type: ignore[method-assign]
+    trainer.agent.act = lambda states, step: torch.zeros(*states.shape[:2], 2)  # type: ignore[method-assign]
     trainer.judge.measure = lambda policies, belief: {}  # type: ignore[method-assign]
     with pytest.raises(RunError, match="round 2: SAC: a weight of the actor of seed 8 is not finite"):
         trainer.run(spoil)
@@ -206,7 +206,7 @@ def test_a_network_that_is_no_number_stops_the_run_and_says_when() -> None:
 
 def test_random_windows_come_first() -> None:
     watched = Watched()
-    run(trainer_of(optimizer=watched, random_windows=2))
+    run(trainer_of(agent=watched, random_windows=2))
     assert watched.did.count("collect") == 1  # the other round was another's
 
 
@@ -247,7 +247,7 @@ def test_random_actions_of_a_round_do_not_depend_on_how_long_the_last_one_took(
 
 
 def test_evaluating_random_actions_does_not_change_what_is_collected() -> None:
-    often, seldom = (trainer_of((3,), optimizer=Random(), log_every=every) for every in (2, 4))
+    often, seldom = (trainer_of((3,), agent=Random(), log_every=every) for every in (2, 4))
     run(often)
     run(seldom)
     assert torch.equal(often.store.windows.states, seldom.store.windows.states)
@@ -296,7 +296,7 @@ def test_methods_that_recover_nothing_leave_trajectories_alone() -> None:
 
 def test_a_run_leaves_a_folder_that_can_be_loaded(tmp_path: Path) -> None:
     short = ["trainer.steps=600", "trainer.windows_per_round=1", "trainer.log_every=1", "env.evaluation_episodes=2"]
-    tiny = ["optimizer.first_updates=5", "optimizer.updates=5", "reference.first_steps=5", "reference.steps=5"]
+    tiny = ["agent.first_updates=5", "agent.updates=5", "reference.first_steps=5", "reference.steps=5"]
     words = ["experiment=pointmaze", "method=disagreement", "replicas=2", "tracking=none", f"output={tmp_path}"]
     result = credit.run([*words, *short, *tiny])
     assert result.status == "FINISHED", result.error

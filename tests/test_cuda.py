@@ -29,7 +29,7 @@ def test_every_method_runs_on_cuda(method):
 
 @pytest.mark.parametrize("uncertainty", ["last_layer", "dropout", "ensemble"])
 def test_a_maze_runs_on_cuda(uncertainty):
-    short = ["optimizer.first_updates=20", "optimizer.updates=20", "trainer.steps=600", "trainer.windows_per_round=1"]
+    short = ["agent.first_updates=20", "agent.updates=20", "trainer.steps=600", "trainer.windows_per_round=1"]
     options = [
         "tracking=none",
         "experiment=pointmaze",
@@ -43,4 +43,4 @@ def test_a_maze_runs_on_cuda(uncertainty):
     rows = []
     trainer.run(lambda step, values: rows.append(values))
     assert rows[-1]["eval/success"].shape == (2,)
-    assert trainer.optimizer.memory.rows["next", "reward"].device.type == "cuda"
+    assert trainer.agent.memory.rows["next", "reward"].device.type == "cuda"

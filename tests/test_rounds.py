@@ -62,7 +62,7 @@ def test_rounds_by_hand(
     trainer = make_trainer("random", (0, 1), "trainer.steps=70")
     trainer.windows_per_round, trainer.first_windows = size, first
     trainer.first_windows_per_round, trainer.random_windows = first_size, random
-    spy = trainer.optimizer = Fixed()
+    spy = trainer.agent = Fixed()
     trainer.start((0, 1))
     run(trainer)
     assert spy.rounds == expected
@@ -100,15 +100,15 @@ def test_random_windows_count_as_the_uniform_policy(make_trainer: Make, feedback
     value = float(mdp.evaluate(uniform, additive))
     gap = float(mdp.optimal(5, additive)[0][0] @ mdp.initial) - value
     executed = []
-    improve = trainer.optimizer.improve
+    improve = trainer.agent.improve
 
     def spy(*arguments: Any) -> None:
-        policy = tabulate(trainer.optimizer.executed(), trainer.problem)
+        policy = tabulate(trainer.agent.executed(), trainer.problem)
         assert policy is not None
         executed.append(mdp.evaluate(policy, additive))  # that of the round which ends here
         improve(*arguments)
 
-    trainer.optimizer.improve = spy  # type: ignore[method-assign]
+    trainer.agent.improve = spy  # type: ignore[method-assign]
     journal = run(trainer)
     assert [step for step, _ in journal] == [20, 40, 60, 80, 100]
     regret = torch.zeros(2, dtype=torch.float64)

@@ -103,7 +103,7 @@ class SpyOptimizer(Agent):
 def test_only_the_oracle_is_given_primitive_rewards(make_trainer: Make, method: str) -> None:
     trainer = make_trainer(method, (0, 1), "trainer.steps=70")
     seen: list[Windows] = []
-    for part, name in ((trainer.assigner, "observe"), (trainer.optimizer, "improve")):
+    for part, name in ((trainer.assigner, "observe"), (trainer.agent, "improve")):
         original = getattr(part, name)
 
         def spy(store: Store, *more: Any, original: Callable[..., None] = original) -> None:
@@ -188,7 +188,7 @@ def test_rows_of_the_journal(
 def test_rounds_of_several_windows_are_refitted_once(make_trainer: Make) -> None:
     trainer = make_trainer("random", (0,), "trainer.steps=70", "trainer.windows_per_round=4")
     spy = SpyOptimizer()
-    trainer.optimizer = spy
+    trainer.agent = spy
     run(trainer)
     assert [windows.labels.shape[1] for windows in spy.seen[::2]] == [4, 4, 2]
     assert [windows.labels.shape[1] for windows in spy.seen[1::2]] == [4, 8, 10]

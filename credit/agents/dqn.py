@@ -76,8 +76,8 @@ class DQN(Agent):
     ) -> None:
         if epsilon_floor > epsilon:
             raise UserError(
-                f"optimizer.epsilon_floor={epsilon_floor}: exploration falls to it, so it is at most "
-                f"optimizer.epsilon={epsilon}; lower the one or raise the other"
+                f"agent.epsilon_floor={epsilon_floor}: exploration falls to it, so it is at most "
+                f"agent.epsilon={epsilon}; lower the one or raise the other"
             )
         self.features = features
         self.learning_rate = learning_rate

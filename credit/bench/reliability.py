@@ -26,7 +26,7 @@ HALF = "*/*/*/seed-*/.checkpoint.pt"  # a checkpoint that is being written
 SMALL = ["seed=0", "replicas=2", "tracking=none", "checkpoint_seconds=0"]
 MAZE = [
     *("env.maze=UMaze", "env.start=[1,1]", "env.goal=[3,1]", "env.evaluation_episodes=2", "feedback.window=200"),
-    *("trainer.steps=24000", "optimizer.updates=30", "optimizer.first_updates=60", "optimizer.batch=32"),
+    *("trainer.steps=24000", "agent.updates=30", "agent.first_updates=60", "agent.batch=32"),
 ]
 RUNS = {
     "advertiser, Disagreement-UCB": ["experiment=advertiser", "method=disagreement", "trainer.steps=3500"],

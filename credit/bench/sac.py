@@ -13,9 +13,9 @@ import torch
 from torchrl.collectors import Collector
 from torchrl.envs import DoubleToFloat, GymWrapper, TransformedEnv
 
+from credit.agents.sac.agent import SAC
 from credit.agents.sac.learner import Learner
 from credit.agents.sac.networks import extract_actor
-from credit.agents.sac.optimizer import SAC
 from credit.bench import peers
 from credit.bench.measure import Row, taken_in_turns
 from credit.bench.relabel import relabelling

@@ -130,7 +130,7 @@ def naive_regret(seed: int, blocks: int) -> float:
     learner = naive.NaiveDisagreement(np.random.default_rng(seed))
     for _ in range(blocks):
         windows, primitive = trainer.collector.collect(Follower(learner), 1)
-        trainer.judge.update(windows, primitive, trainer.optimizer)
+        trainer.judge.update(windows, primitive, trainer.agent)
         trainer.store.append(windows)
         learner.decide(*arrays_of(trainer.store.windows))
     return float(trainer.judge.measure({}, None)["regret/cumulative"][0])

@@ -51,12 +51,12 @@ KINDS = {
     "bonus": Kind("credit.core.seams:Bonus", ("bonus",), "what optimism adds; several: bonus=[count,disagreement]"),
     "assigner": Kind("credit.core.seams:CreditAssigner", ("assigner",), "windows → one reward per step"),
     "transition": Kind("credit.core.seams:Transition", ("transition",), "P̂ for planning"),
-    "optimizer": Kind("credit.core.seams:Agent", ("optimizer",), "relabelled rewards → policy"),
+    "agent": Kind("credit.core.seams:Agent", ("agent",), "relabelled rewards → policy"),
     "scaler": Kind("credit.core.seams:Scaler", ("scaler",), "how a pseudo-reward is scaled and clipped"),
     "tracking": Kind("credit.tracking:Tracking", ("tracking",), "where runs are mirrored"),
 }
 CHOICES = {  # folders that choose among the kinds, and build nothing themselves
-    "method": "a credit assigner and an optimizer, by the name it has in tables",
+    "method": "a credit assigner and an agent, by the name it has in tables",
     "experiment": "an environment, its feedback, models and horizon",
     "sweep": "the jobs of a table or figure, by one word: credit train -m sweep=…",
 }

@@ -23,7 +23,7 @@ def preferred(labels: Tensor, prefer: Prefer) -> Tensor:
     strange = labels[(labels != 0) & (labels != 1)]
     if len(strange):
         raise UserError(
-            f"optimizer.prefer=success: a label says 1 for success and 0 for none, and here is one of "
-            f"{float(strange[0]):.6g}; choose optimizer.prefer=top for the best tenth of all labels, or none"
+            f"agent.prefer=success: a label says 1 for success and 0 for none, and here is one of "
+            f"{float(strange[0]):.6g}; choose agent.prefer=top for the best tenth of all labels, or none"
         )
     return labels > 0

@@ -61,7 +61,7 @@ class Recorder(Stateful):
         trainer, found = self._trainer, dict[str, Arrays]()
         belief = trainer.belief()
         if belief is not None and belief.cells is not None:
-            policy = tabulate(trainer.optimizer.policies()["behaviour"], trainer.problem)
+            policy = tabulate(trainer.agent.policies()["behaviour"], trainer.problem)
             truth, summary = trainer.judge.truth(belief.cells), trainer.env.summary(belief.cells)
             assert policy is not None
             assert truth is not None

@@ -6,7 +6,7 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import torch
 import yaml
@@ -171,7 +171,7 @@ def read(folder: Path) -> dict[str, Any]:
         found = None
     if not isinstance(found, dict):
         raise UserError(f"{path}: damaged; restore it, or move {folder} away and compute the run anew")
-    return cast(dict[str, Any], translated(found))
+    return translated(found)
 
 
 def differences(earlier: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:

@@ -442,19 +442,19 @@ def test_copies_explore_each_for_itself(problem: Problem) -> None:
 @pytest.mark.parametrize(
     ("override", "words"),
     [
-        ("optimizer.learning_rate=0", ["optimizer.learning_rate=0", "> 0"]),
-        ("optimizer.hidden=[64,0]", ["optimizer.hidden=[64, 0]", "list of int ≥ 1"]),
-        ("optimizer.loss=huber", ["optimizer.loss='huber'", "l2, smooth_l1"]),
-        ("optimizer.discount=1.1", ["optimizer.discount=1.1", "≤ 1"]),
-        ("optimizer.monte_carlo=-.5", ["optimizer.monte_carlo=-0.5", "≥ 0"]),
-        ("optimizer.batch=0", ["optimizer.batch=0", "≥ 1"]),
-        ("optimizer.epsilon_windows=0", ["optimizer.epsilon_windows=0", "≥ 1"]),
-        ("optimizer.epsilon=.01", ["optimizer.epsilon_floor=0.05", "optimizer.epsilon=0.01"]),
+        ("agent.learning_rate=0", ["agent.learning_rate=0", "> 0"]),
+        ("agent.hidden=[64,0]", ["agent.hidden=[64, 0]", "list of int ≥ 1"]),
+        ("agent.loss=huber", ["agent.loss='huber'", "l2, smooth_l1"]),
+        ("agent.discount=1.1", ["agent.discount=1.1", "≤ 1"]),
+        ("agent.monte_carlo=-.5", ["agent.monte_carlo=-0.5", "≥ 0"]),
+        ("agent.batch=0", ["agent.batch=0", "≥ 1"]),
+        ("agent.epsilon_windows=0", ["agent.epsilon_windows=0", "≥ 1"]),
+        ("agent.epsilon=.01", ["agent.epsilon_floor=0.05", "agent.epsilon=0.01"]),
         ("experiment=advertiser", ["DQN needs a task that is episodic", "continuing"]),
     ],
 )
 def test_bad_input(composed: Callable[..., dict[str, Any]], override: str, words: list[str]) -> None:
     with pytest.raises(UserError) as refused:
-        composed("experiment=sepsis", "method=delayed", "optimizer=dqn", override)
+        composed("experiment=sepsis", "method=delayed", "agent=dqn", override)
     assert all(word in str(refused.value) for word in words)
     assert "\n" not in str(refused.value)

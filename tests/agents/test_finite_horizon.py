@@ -31,16 +31,16 @@ def problem(make_problem: Make) -> Problem:
     return make_problem((0, 1, 2), states=STATES, actions=ACTIONS, window=WINDOW)
 
 
-def executed(optimizer: FiniteHorizon) -> torch.Tensor:
+def executed(agent: FiniteHorizon) -> torch.Tensor:
     """What is acted by [R, T, S]."""
-    policy = optimizer.executed()
+    policy = agent.executed()
     assert isinstance(policy, TablePolicy)
     return policy.actions
 
 
-def tables(optimizer: FiniteHorizon) -> dict[str, torch.Tensor]:
+def tables(agent: FiniteHorizon) -> dict[str, torch.Tensor]:
     """The policies as tables [R, T, S]."""
-    return {name: policy.actions for name, policy in optimizer.policies().items() if isinstance(policy, TablePolicy)}
+    return {name: policy.actions for name, policy in agent.policies().items() if isinstance(policy, TablePolicy)}
 
 
 def random_tables(problem: Problem, count: int, seed: int = 0) -> list[torch.Tensor]:
@@ -49,10 +49,10 @@ def random_tables(problem: Problem, count: int, seed: int = 0) -> list[torch.Ten
 
 
 def planned(problem: Problem, store: Store, transition: Transition, believed: Believed) -> FiniteHorizon:
-    optimizer = FiniteHorizon(transition)
-    optimizer.start(problem)
-    optimizer.improve(store, believed)
-    return optimizer
+    agent = FiniteHorizon(transition)
+    agent.start(problem)
+    agent.improve(store, believed)
+    return agent
 
 
 def filled(problem: Problem, windows: Windows) -> Store:
@@ -82,15 +82,15 @@ def test_plans_equal_plain_value_iteration(
 ) -> None:
     seen = make_windows(problem, windows)
     mixed, plan = random_tables(problem, 2)
-    optimizer = planned(problem, filled(problem, seen), transition, Believed(mixed, plan, CELLS))
-    policies = tables(optimizer)
+    agent = planned(problem, filled(problem, seen), transition, Believed(mixed, plan, CELLS))
+    policies = tables(agent)
     for name, reward in (("behaviour", plan), ("greedy", mixed)):
         assert policies[name].shape == (3, WINDOW, STATES)
         for replica in range(3):
             np.testing.assert_array_equal(policies[name][replica], value_iteration(seen, replica, reward)[1])
     assert not torch.equal(policies["behaviour"], policies["greedy"])
     assert not torch.equal(policies["behaviour"][:, 0], policies["behaviour"][:, -1])  # it depends on the step
-    assert torch.equal(executed(optimizer), policies["behaviour"])
+    assert torch.equal(executed(agent), policies["behaviour"])
 
 
 def test_counts_add_up_from_round_to_round(problem: Problem, make_windows: Callable[..., Windows]) -> None:
@@ -108,22 +108,22 @@ def test_counts_add_up_from_round_to_round(problem: Problem, make_windows: Calla
 
 def test_it_acts_by_its_policy_of_the_step(problem: Problem, make_windows: Callable[..., Windows]) -> None:
     believed = Believed(*random_tables(problem, 2), CELLS)
-    optimizer = planned(problem, filled(problem, make_windows(problem, 30)), ObservedCounts(), believed)
-    policy = executed(optimizer)
+    agent = planned(problem, filled(problem, make_windows(problem, 30)), ObservedCounts(), believed)
+    policy = executed(agent)
     states = torch.tensor([[0, 4], [3, 4], [5, 1]])
     for step in range(WINDOW):
         now = torch.full((3, 2), step)
-        assert torch.equal(optimizer.act(states, now), policy[torch.arange(3).unsqueeze(1), step, states])
+        assert torch.equal(agent.act(states, now), policy[torch.arange(3).unsqueeze(1), step, states])
     mixed = torch.tensor([[0, 3], [1, 2], [2, 0]])  # copies may be at different steps
-    assert torch.equal(optimizer.act(states, mixed), policy[torch.arange(3).unsqueeze(1), mixed, states])
+    assert torch.equal(agent.act(states, mixed), policy[torch.arange(3).unsqueeze(1), mixed, states])
 
 
 def test_at_the_start_every_action_is_tied_and_all_occur(make_problem: Make) -> None:
     problem = make_problem(range(20), states=100, actions=8, window=5)
-    optimizer = FiniteHorizon(ObservedCounts())
-    optimizer.start(problem)
-    assert list(optimizer.policies()) == ["behaviour"]  # nothing is believed that one could plan with
-    policy = executed(optimizer)
+    agent = FiniteHorizon(ObservedCounts())
+    agent.start(problem)
+    assert list(agent.policies()) == ["behaviour"]  # nothing is believed that one could plan with
+    policy = executed(agent)
     assert policy.shape == (20, 5, 100)
     shares = policy[:, 0].flatten().bincount(minlength=8) / 2000
     assert (shares - 1 / 8).abs().max() < 5 * (7 / 64 / 2000) ** 0.5
@@ -138,17 +138,17 @@ def test_ties_are_drawn_anew_among_the_best_alone(problem: Problem, make_windows
     reward = torch.tensor([1.0, 0.5, 1.0 - 1e-13], dtype=FLOAT).repeat(3, STATES)
     windows = make_windows(problem, 1)
     still = replace(windows, actions=windows.actions * 0 + 1, next_states=windows.states)
-    optimizer, believed = FiniteHorizon(ObservedCounts()), Believed(reward, reward, CELLS)
+    agent, believed = FiniteHorizon(ObservedCounts()), Believed(reward, reward, CELLS)
     store = filled(problem, still)
-    optimizer.start(problem)
+    agent.start(problem)
     plans = []
     for _ in range(40):
-        optimizer.improve(store, believed)
-        plans.append(executed(optimizer)[:, -1])
+        agent.improve(store, believed)
+        plans.append(executed(agent)[:, -1])
     assert not any(torch.equal(one, following) for one, following in pairwise(plans))
     shares = torch.stack(plans).flatten().bincount(minlength=3) / (40 * 3 * STATES)
     assert shares[1] == 0
     assert abs(float(shares[0]) - 0.5) < 5 * 0.5 / (40 * 3 * STATES) ** 0.5
-    found = tables(optimizer)
+    found = tables(agent)
     assert torch.equal(found["greedy"], found["behaviour"])  # one draw a plan, for both
-    assert torch.equal(tables(optimizer)["behaviour"], executed(optimizer))  # looking does not draw
+    assert torch.equal(tables(agent)["behaviour"], executed(agent))  # looking does not draw

@@ -34,14 +34,14 @@ Make = Callable[..., Problem]
 def planner(problem: Problem, windows: Windows, **parameters: Any) -> tuple[ValueIteration, Recovery]:
     model = LinearModel("ridge", Identity(), Bootstrap(3))
     recovery = Recovery(model, {}, ReferenceOnly(), {"count": Count(2.0)})
-    optimizer = ValueIteration(Counts(), **parameters)
-    for part in (recovery, optimizer):
+    agent = ValueIteration(Counts(), **parameters)
+    for part in (recovery, agent):
         part.start(problem)
     store = Store(problem)
     store.append(windows)
     recovery.observe(store)
-    optimizer.improve(store, recovery)
-    return optimizer, recovery
+    agent.improve(store, recovery)
+    return agent, recovery
 
 
 def actions(policy: Policy) -> torch.Tensor:
@@ -55,11 +55,11 @@ def test_it_acts_by_the_plan_and_is_judged_without_the_bonus(
 ) -> None:
     problem = make_problem((0, 1))
     windows = make_windows(problem, 40)
-    optimizer, recovery = planner(problem, windows)
+    agent, recovery = planner(problem, windows)
     counts = Counts()
     counts.start(problem)
     counts.observe(windows)
-    found, policies = recovery.belief(), optimizer.policies()
+    found, policies = recovery.belief(), agent.policies()
     assert found is not None
     for name, reward in (("behaviour", found.plan), ("greedy", found.mixed)):
         expected = policy_iteration(counts.probabilities(), reward.view(2, 10, 3)).policy
@@ -68,22 +68,22 @@ def test_it_acts_by_the_plan_and_is_judged_without_the_bonus(
     assert not torch.equal(behaviour, actions(policies["greedy"]))
     for state in range(10):
         states = torch.full((2, 1), state)
-        assert torch.equal(optimizer.act(states, torch.zeros_like(states))[:, 0], behaviour[:, state])
+        assert torch.equal(agent.act(states, torch.zeros_like(states))[:, 0], behaviour[:, state])
 
 
 def test_a_small_discount_is_myopic(make_problem: Make, make_windows: Callable[..., Windows]) -> None:
     problem = make_problem((0, 1))
-    optimizer, recovery = planner(problem, make_windows(problem, 40), discount=1e-9)
+    agent, recovery = planner(problem, make_windows(problem, 40), discount=1e-9)
     found = recovery.belief()
     assert found is not None
-    assert torch.equal(actions(optimizer.policies()["behaviour"]), found.plan.view(2, 10, 3).argmax(-1))
+    assert torch.equal(actions(agent.policies()["behaviour"]), found.plan.view(2, 10, 3).argmax(-1))
 
 
 def test_before_anything_is_known_it_plays_action_zero(make_problem: Make) -> None:
-    optimizer = ValueIteration(Counts())
-    optimizer.start(make_problem((0, 1)))
-    assert optimizer.act(torch.tensor([[3], [4]]), torch.zeros(2, 1).long()).tolist() == [[0], [0]]
-    assert list(optimizer.policies()) == ["behaviour"]
+    agent = ValueIteration(Counts())
+    agent.start(make_problem((0, 1)))
+    assert agent.act(torch.tensor([[3], [4]]), torch.zeros(2, 1).long()).tolist() == [[0], [0]]
+    assert list(agent.policies()) == ["behaviour"]
 
 
 class PerStep(CreditAssigner):
@@ -115,12 +115,12 @@ def test_without_a_table_cells_are_worth_the_mean_of_their_steps(
     """Rivals give rewards to steps; what was never seen is worth the mean of all."""
     problem = replace(make_problem((0, 1)), episodic=kind is FiniteHorizon)
     values = torch.randn(2, 30, dtype=FLOAT, generator=torch.Generator().manual_seed(3))
-    assigner, optimizer, store = PerStep(values, learns), kind(Counts()), Store(problem)
-    optimizer.start(problem)
+    assigner, agent, store = PerStep(values, learns), kind(Counts()), Store(problem)
+    agent.start(problem)
     for number in range(3):
         store.append(make_windows(problem, 1 + number, seed=number))
         assigner.observe(store)
-        optimizer.improve(store, assigner)
+        agent.improve(store, assigner)
     windows, rewards = store.windows, assigner.rewards(store.windows)
     expected = torch.zeros(2, 30, dtype=FLOAT)
     for replica in range(2):
@@ -129,8 +129,8 @@ def test_without_a_table_cells_are_worth_the_mean_of_their_steps(
         for pair in range(30):
             mine = [float(rewards[replica, row]) for row, seen in enumerate(pairs) if seen == pair]
             expected[replica, pair] = sum(mine) / len(mine) if mine else float(rewards[replica].mean())
-    assert optimizer._rewards is not None
-    cells, plan, plain = optimizer._rewards
+    assert agent._rewards is not None
+    cells, plan, plain = agent._rewards
     torch.testing.assert_close(plan, expected)
     assert cells.axes == ("state", "action")
     assert plain is plan  # there is no optimism
@@ -139,9 +139,9 @@ def test_without_a_table_cells_are_worth_the_mean_of_their_steps(
     counts.observe(windows)
     if kind is ValueIteration:
         best = policy_iteration(counts.probabilities(), expected.view(2, 10, 3), NEARLY_ONE).policy
-        assert torch.equal(actions(optimizer.policies()["greedy"]), best)
+        assert torch.equal(actions(agent.policies()["greedy"]), best)
     else:
-        last, pairs_of = actions(optimizer.policies()["greedy"])[:, -1], expected.view(2, 10, 3)
+        last, pairs_of = actions(agent.policies()["greedy"])[:, -1], expected.view(2, 10, 3)
         chosen = pairs_of.gather(-1, last.unsqueeze(-1)).squeeze(-1)
         torch.testing.assert_close(chosen, pairs_of.amax(-1))  # in the last step only the reward counts
         assert not torch.equal(chosen, pairs_of.amin(-1))

@@ -47,17 +47,17 @@ def problem_of(make_problem: Make, episodic: bool) -> Problem:
     return replace(problem, episodic=episodic)
 
 
-def planned(optimizer: Agent, problem: Problem, windows: Windows, believed: Believed) -> Agent:
+def planned(agent: Agent, problem: Problem, windows: Windows, believed: Believed) -> Agent:
     store = Store(problem)
     store.append(windows)
-    optimizer.start(problem)
-    optimizer.improve(store, believed)
-    return optimizer
+    agent.start(problem)
+    agent.improve(store, believed)
+    return agent
 
 
-def followed(optimizer: Agent) -> dict[str, torch.Tensor]:
+def followed(agent: Agent) -> dict[str, torch.Tensor]:
     """The policies as tables."""
-    return {name: policy.actions for name, policy in optimizer.policies().items() if isinstance(policy, TablePolicy)}
+    return {name: policy.actions for name, policy in agent.policies().items() if isinstance(policy, TablePolicy)}
 
 
 def tables(problem: Problem, axes: tuple[Axis, ...]) -> tuple[Cells, torch.Tensor, torch.Tensor]:
@@ -106,8 +106,8 @@ def test_plans_in_episodes(
     problem = problem_of(make_problem, episodic=True)
     windows = make_windows(problem, seen)
     cells, mixed, plan = tables(problem, axes)
-    optimizer = planned(FiniteHorizon(transition), problem, windows, Believed(mixed, plan, cells))
-    policies = followed(optimizer)
+    agent = planned(FiniteHorizon(transition), problem, windows, Believed(mixed, plan, cells))
+    policies = followed(agent)
     for replica in range(3):
         counts = counted(windows, replica)
         if isinstance(transition, Counts) and transition.pseudo_counts:
@@ -130,8 +130,8 @@ def test_plans_without_end(make_problem: Make, make_windows: Callable[..., Windo
     problem, discount = problem_of(make_problem, episodic=False), 0.9
     windows = make_windows(problem, 12)
     cells, mixed, plan = tables(problem, axes)
-    optimizer = planned(ValueIteration(Counts("self_loop"), discount), problem, windows, Believed(mixed, plan, cells))
-    policies = followed(optimizer)
+    agent = planned(ValueIteration(Counts("self_loop"), discount), problem, windows, Believed(mixed, plan, cells))
+    policies = followed(agent)
     for replica in range(3):
         counts = counted(windows, replica)
         counts[np.arange(STATES), :, np.arange(STATES)] += 1
@@ -155,13 +155,13 @@ def recovery_over(axes: tuple[Axis, ...], **parameters: Any) -> Recovery:
 def test_the_average_reward_of_arrivals(make_problem: Make, make_windows: Callable[..., Windows]) -> None:
     # What is learned from labels, planned for the average reward: π is compared with all 3⁵ policies.
     problem = problem_of(make_problem, episodic=False)
-    recovery, optimizer = recovery_over(("next_state",)), ValueIteration(Counts())
+    recovery, agent = recovery_over(("next_state",)), ValueIteration(Counts())
     store = Store(problem)
     store.append(make_windows(problem, 40))
-    for part in (recovery, optimizer):
+    for part in (recovery, agent):
         part.start(problem)
     recovery.observe(store)
-    optimizer.improve(store, recovery)
+    agent.improve(store, recovery)
     for replica in range(3):
         rows = store.windows.grid(store.windows.next_states)[replica].numpy()
         x = np.stack([np.bincount(row, minlength=STATES) for row in rows])
@@ -176,7 +176,7 @@ def test_the_average_reward_of_arrivals(make_problem: Make, make_windows: Callab
             chain = model[np.arange(STATES), policy]
             stationary = np.linalg.matrix_power(chain, 1024)[0]
             gains[policy] = float(stationary @ table)
-        mine = tuple(followed(optimizer)["behaviour"][replica].tolist())
+        mine = tuple(followed(agent)["behaviour"][replica].tolist())
         assert gains[mine] == pytest.approx(max(gains.values()), abs=1e-9)
         assert max(gains.values()) > min(gains.values()) + 0.01
 

@@ -41,8 +41,8 @@ CASES = {
     "missing value": ((TRAIN, "mixer.alpha=???"), ["mixer.alpha", "missing", "float > 0"]),
     "missing part": ((TRAIN, "~mixer"), ["mixer", "assigner needs one"]),
     "parts that do not fit": (
-        (TRAIN, "optimizer=sac"),
-        ["optimizer: SAC needs", "vectors (Box)"],
+        (TRAIN, "agent=sac"),
+        ["agent: SAC needs", "vectors (Box)"],
     ),
     "bonus without its model": (
         (TRAIN, "method=oracle", "bonus=[elliptical]"),
@@ -57,11 +57,16 @@ CASES = {
         ["1296 states", "transition=observed_counts"],
     ),
     "a continuing planner in episodes": (
-        (TRAIN, "experiment=sepsis", "method=delayed", "optimizer=q_learning"),
-        ["optimizer: QLearning needs a task that is continuing, and this one is episodic"],
+        (TRAIN, "experiment=sepsis", "method=delayed", "agent=q_learning"),
+        ["agent: QLearning needs a task that is continuing, and this one is episodic"],
     ),
     "a key of an older version": ((TRAIN, "tuned.mixer_alpha=.3"), ["tuned.mixer_alpha=.3", "now mixer.alpha"]),
-    "a group of an older version": ((TRAIN, "planner=sac"), ["planner=sac", "write optimizer="]),
+    "a key of a group's older name": (
+        (TRAIN, "optimizer.discount=.9"),
+        ["optimizer.discount=.9", "now agent.discount"],
+    ),
+    "a group's older name": ((TRAIN, "optimizer=dqn"), ["optimizer=dqn", "now agent"]),
+    "a group of an older version": ((TRAIN, "planner=sac"), ["planner=sac", "write agent="]),
     "a horizon of 0": (
         (TRAIN, "experiment=sepsis", "feedback=terminal", "feedback.window=0"),
         ["feedback.window=0", "int ≥ 1"],

@@ -99,7 +99,7 @@ def test_the_state_of_other_code_stops_the_command(credit, folder, half):
     shutil.copytree(half, folder / "outputs")
     file = folder / "outputs" / PLACE / "seed-0" / checkpoint.NAME
     content = checkpoint.load(file)
-    content["trainer"]["optimizer"][1]["an attribute of another time"] = 3
+    content["trainer"]["agent"][1]["an attribute of another time"] = 3
     checkpoint.save(file, content)
     before = snapshot(folder / "outputs" / PLACE)
     ended = credit("resume", f"outputs/{PLACE}")

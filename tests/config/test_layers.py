@@ -37,18 +37,18 @@ def composed(experiment: str, method: str) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("words", "optimizer"),
+    ("words", "agent"),
     [
         ("experiment=advertiser method=disagreement", "ValueIteration"),
         ("experiment=sepsis method=disagreement", "FiniteHorizon"),
         ("experiment=sepsis method=delayed", "DQN"),
         ("experiment=pointmaze_paper method=reference", "SAC"),
-        ("experiment=sepsis method=disagreement optimizer=dqn", "DQN"),
-        ("optimizer=dqn experiment=sepsis method=disagreement", "DQN"),
+        ("experiment=sepsis method=disagreement agent=dqn", "DQN"),
+        ("agent=dqn experiment=sepsis method=disagreement", "DQN"),
     ],
 )
-def test_roles(words: str, optimizer: str) -> None:
-    assert registry.compose(words.split())["optimizer"]["_target_"].rpartition(".")[2] == optimizer
+def test_roles(words: str, agent: str) -> None:
+    assert registry.compose(words.split())["agent"]["_target_"].rpartition(".")[2] == agent
 
 
 def test_titles_call_roles_by_the_experiments_names() -> None:
@@ -154,7 +154,7 @@ def test_a_nested_key_and_a_wish_for_every_option(write: Write, own: str) -> Non
         ("defaults_for: [bonus/count.scale]", r"defaults_for=.*a mapping belongs here"),
         ("defaults_for: {mixer/relative_mse.alhpa: 1}", r"mixer\.alhpa.*unknown key.*did you mean 'alpha'"),
         ("choose: sac", r"choose='sac': a mapping belongs here"),
-        ("choose: {planner: value_itertion}", r"optimizer=value_itertion: no such option; did you mean"),
+        ("choose: {planner: value_itertion}", r"agent=value_itertion: no such option; did you mean"),
         ("x: [", r"theirs\.yaml: no YAML"),
     ],
 )  # fmt: skip
@@ -165,7 +165,7 @@ def test_what_is_wrong_in_an_experiment_is_explained(text: str, said: str, write
 
 
 def test_a_role_that_nobody_has_is_explained(write: Write, own: str) -> None:
-    entries = "defaults: [{override /optimizer: '${choose.plannr}'}]"
+    entries = "defaults: [{override /agent: '${choose.plannr}'}]"
     write("method/theirs", f"# @package _global_\n{entries}\nmethod: theirs")
     with pytest.raises(UserError, match=r"method=theirs: .*role 'plannr'.*did you mean 'planner'"):
         registry.compose(["method=theirs"], [own])

@@ -34,9 +34,9 @@ CHOSEN = "(chosen by method=disagreement)"
         ("mixer._target_", "credit.recovery.mixers.RelativeMSE", f"file mixer/relative_mse.yaml {CHOSEN}"),
         ("feedback._target_", "credit.envs.feedback.Terminal", "file feedback/terminal.yaml (chosen by command line)"),
         (
-            "optimizer._target_",
+            "agent._target_",
             "credit.agents.finite_horizon.FiniteHorizon",
-            f"file optimizer/finite_horizon.yaml {CHOSEN}",
+            f"file agent/finite_horizon.yaml {CHOSEN}",
         ),
     ],
 )
@@ -65,7 +65,7 @@ def test_a_users_own_file(tmp_path: Path) -> None:
 def test_every_value_of_a_job_is_there() -> None:
     config = job.checked(registry.compose(["experiment=pointmaze", "tracking=none"]))
     found = {path: value for path, value, _ in explained(config, ["experiment=pointmaze", "tracking=none"])}
-    for slot in ("env", "feedback", "optimizer", "reference"):
+    for slot in ("env", "feedback", "agent", "reference"):
         for path, node in schema.members(config, slot).items():
             for key, value in node.items():
                 assert isinstance(value, dict) or found[f"{path}.{key}"] == value

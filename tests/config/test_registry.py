@@ -36,7 +36,7 @@ def test_methods_choose_their_parts() -> None:
     assert list(config["bonus"]) == ["count", "disagreement"]
     assert list(config["surrogates"]) == ["linear", "threshold"]
     assert config["surrogates"]["threshold"]["features"]["threshold"] == 4
-    assert registry.compose(["method=delayed"])["optimizer"]["_target_"].endswith("QLearning")
+    assert registry.compose(["method=delayed"])["agent"]["_target_"].endswith("QLearning")
 
 
 def test_overrides_win_over_the_method() -> None:
@@ -156,4 +156,4 @@ def test_composed_fixture_composes(composed: Callable[..., dict[str, object]], w
 def test_composed_fixture_is_checked(composed: Callable[..., dict[str, object]]) -> None:
     config = composed("method=delayed")
     assert "mixer" not in config  # not used by it
-    assert "optimizer" in config
+    assert "agent" in config

@@ -48,13 +48,13 @@ def test_slugs(words: str, expected: str) -> None:
         "mixer.alpha=0.50",
         "++mixer.alpha=.5",
         "mixer=relative_mse",
-        "optimizer=value_iteration bonus=[count,disagreement]",
+        "agent=value_iteration bonus=[count,disagreement]",
         "feedback=block_sum feedback.window=7",
         "env=advertiser env.states=10",
         "experiment=sepsis mixer.alpha=1",  # by the experiment's default
         "experiment=sepsis feedback.window=5",
         "method=delayed mixer=best mixer=uniform",  # that the run does not use
-        "method=delayed optimizer=q_learning",
+        "method=delayed agent=q_learning",
         "env=sepsis",
     ],
 )

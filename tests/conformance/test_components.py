@@ -228,10 +228,10 @@ def test_assigners(name: str) -> None:
             torch.testing.assert_close(windows.sums(rewards), windows.labels)
 
 
-@pytest.mark.parametrize("name", options("optimizer"))
+@pytest.mark.parametrize("name", options("agent"))
 def test_agents(name: str) -> None:
-    for words in some("optimizer", name):
-        agent, problem, store = built(words, "optimizer")
+    for words in some("agent", name):
+        agent, problem, store = built(words, "agent")
         assigner, _, _ = assigned(words)
         assert isinstance(agent, Agent)
         agent.start(problem)

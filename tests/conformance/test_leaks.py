@@ -199,7 +199,7 @@ class Thief(Agent):
 )
 def test_a_thief_is_found(look: Callable[[Trainer], Tensor]) -> None:
     def prepare(trainer: Trainer) -> None:
-        trainer.optimizer = Thief(trainer.optimizer, lambda: look(trainer))
+        trainer.agent = Thief(trainer.agent, lambda: look(trainer))
 
     names = ("advertiser", "block_sum", "disagreement")
     assert "actions" in differing(lived(names, 0.0, prepare), lived(names, 0.5, prepare))

@@ -134,7 +134,7 @@ def test_a_component_goes_on(tmp_path: Path, choices: list[tuple[str, ...]]) -> 
 
 
 def test_a_replay_buffer_that_wrapped_around_goes_on(tmp_path: Path) -> None:
-    config = composed("experiment=sepsis", "method=delayed", "optimizer.capacity=5", "optimizer.batch=8")
+    config = composed("experiment=sepsis", "method=delayed", "agent.capacity=5", "agent.batch=8")
     goes_on(config, tmp_path, (3, 4), slice(None))
 
 

@@ -51,17 +51,17 @@ def test_every_misfit_is_told() -> None:
 def test_parts_are_found_once_with_their_place() -> None:
     shared = Anything()
     root = Driver(shared, named={"first": shared, "second": Planner()})
-    assert [path for path, _ in parts_of(root, "optimizer")] == [
-        "optimizer",
-        "optimizer.others",
-        "optimizer.named.second",
+    assert [path for path, _ in parts_of(root, "agent")] == [
+        "agent",
+        "agent.others",
+        "agent.named.second",
     ]
 
 
 def test_all_parts_that_do_not_fit_are_named_at_once() -> None:
     with pytest.raises(UserError) as told:
-        require({"optimizer": Driver(named={"inner": Planner()}), "assigner": Planner()}, EPISODES)
+        require({"agent": Driver(named={"inner": Planner()}), "assigner": Planner()}, EPISODES)
     lines = str(told.value).splitlines()
-    assert [line.partition(":")[0] for line in lines] == ["optimizer", "optimizer.named.inner", "assigner"]
+    assert [line.partition(":")[0] for line in lines] == ["agent", "agent.named.inner", "assigner"]
     assert all("choose another one, or another env" in line for line in lines)
-    require({"optimizer": Anything(), "assigner": Planner()}, TABLE)
+    require({"agent": Anything(), "assigner": Planner()}, TABLE)

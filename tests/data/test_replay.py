@@ -224,7 +224,7 @@ def test_which_windows_are_preferred() -> None:
     best = preferred(real, "top")
     assert best[0].nonzero().flatten().tolist() == [0, 1]
     assert best[1].nonzero().flatten().tolist() == [18, 19]
-    with pytest.raises(UserError, match=r"optimizer\.prefer=success.*0\.37.*optimizer\.prefer=top"):
+    with pytest.raises(UserError, match=r"agent\.prefer=success.*0\.37.*agent\.prefer=top"):
         preferred(torch.tensor([[1.0, 0.37]]), "success")
 
 

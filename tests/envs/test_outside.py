@@ -9,7 +9,7 @@ import torch
 
 from credit.agents.q_learning import QLearning
 from credit.agents.random import Random
-from credit.agents.sac.optimizer import SAC
+from credit.agents.sac.agent import SAC
 from credit.core.errors import UserError
 from credit.core.seams import Agent, Feedback
 from credit.envs.feedback import BlockSum, Success, Terminal

@@ -13,6 +13,7 @@ import argparse
 import hashlib
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -29,7 +30,7 @@ TABLES = ("reference", "adaptive_mse", "disagreement", "oracle", "delayed", "del
 SHORT = {  # what every run of an experiment is shortened by
     "advertiser": "trainer.steps=704",
     "sepsis": "trainer.steps=600",
-    "pointmaze": "trainer.steps=3000 optimizer.first_updates=40 optimizer.updates=20 env.evaluation_episodes=2",
+    "pointmaze": "trainer.steps=3000 agent.first_updates=40 agent.updates=20 env.evaluation_episodes=2",
 }
 MODELS = "reference.first_steps=30 reference.steps=10 surrogates.heuristic.first_steps=30 surrogates.heuristic.steps=10"
 RUNS = {
@@ -45,7 +46,7 @@ RUNS = {
         *("delayed_monte_carlo", "credit_hypotheses trainer.random_windows=9", "last_step trainer.random_windows=9"),
         *("reference feedback=terminal", "credit_hypotheses trainer.random_windows=9 feedback=terminal"),
         *("disagreement transition=mixture", "oracle transition=exact", "delayed feedback=terminal"),
-        "reference optimizer=dqn",
+        "reference agent=dqn",
     ],
     "pointmaze": [
         *("delayed", "delayed_fair", "oracle", "random"),
@@ -59,7 +60,7 @@ RUNS = {
             for name in ("adaptive_mse bonus.local_mse.scale=0", "disagreement bonus.disagreement.scale=0")
         ),
         "reference reference.first_steps=30 reference.steps=10",
-        "delayed optimizer=sac_plain optimizer.update_ratio=0 optimizer.updates=20",
+        "delayed agent=sac_plain agent.update_ratio=0 agent.updates=20",
         "oracle env.primitive=dense",
     ],
 }
@@ -83,12 +84,13 @@ def compute(output: Path, only: str) -> None:
 
     import credit
 
+    code = Path(credit.__file__).parents[1]
     torch.set_num_threads(1)  # this credit leaves the process as it is
     found = {}
     for name, overrides in words():
         if only not in name:
             continue
-        given = [*_kept(overrides), "seed=1000", "replicas=2", "tracking=none", f"output={output}"]
+        given = [*_kept(overrides, code), "seed=1000", "replicas=2", "tracking=none", f"output={output}"]
         try:
             result = credit.run(given)
         except ValueError as error:  # a UserError, wherever that is
@@ -100,9 +102,11 @@ def compute(output: Path, only: str) -> None:
     (output / "runs.json").write_text(json.dumps(found))
 
 
-def _kept(overrides: list[str]) -> list[str]:
-    """A random agent has no updates to shorten."""
-    return [w for w in overrides if not (w.startswith("optimizer.") and "method=random" in overrides)]
+def _kept(overrides: list[str], code: Path) -> list[str]:
+    """The words as that version has them; a random agent has no updates to shorten."""
+    kept = [word for word in overrides if not (word.startswith("agent.") and "method=random" in overrides)]
+    group = "agent" if (code / "conf" / "agent").is_dir() else "optimizer"
+    return [re.sub(r"^agent(?=[.=])", group, word) for word in kept]
 
 
 def arrays(folder: Path) -> Arrays:

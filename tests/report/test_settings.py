@@ -71,7 +71,7 @@ def test_every_slot_and_every_key_of_the_trainer_is_of_the_problem_or_of_the_lea
         "bonus",
         "assigner",
         "transition",
-        "optimizer",
+        "agent",
         "scaler",
     }
     assert slots == {*PROBLEM, *learner, "tracking"}

@@ -36,7 +36,7 @@ def problems(*overrides: str) -> list[str]:
         ("+mixer.alfa=1", ["mixer.alfa", "unknown key", "did you mean 'alpha'"]),
         ("+surrogates.linear.features.foo=1", ["surrogates.linear.features.foo", "unknown key"]),
         ("trainer.steps=6", ["trainer.steps=6", "feedback.window=7"]),
-        ("optimizer.discount=1.5", ["optimizer.discount=1.5", "float > 0 and ≤ 1"]),
+        ("agent.discount=1.5", ["agent.discount=1.5", "float > 0 and ≤ 1"]),
         ("uncertainty.resample=jackknife", ["uncertainty.resample='jackknife'", "one of poisson, exact"]),
         ("env.interaction=[0,x]", ["env.interaction=[0, 'x']", "list of float"]),
         ("env.p_mid_up=0.9", ["p_mid_down", "1.2", "at most 1"]),
@@ -44,8 +44,8 @@ def problems(*overrides: str) -> list[str]:
         ("device=cuda:99", ["device='cuda:99'", "CUDA devices are visible"]),
         ("env.p_down=???", ["env.p_down", "a value is missing"]),
         (
-            "optimizer=sac",
-            ["optimizer: SAC needs actions that are vectors (Box)", "numbers (Discrete)"],
+            "agent=sac",
+            ["agent: SAC needs actions that are vectors (Box)", "numbers (Discrete)"],
         ),
         ("reference._target_=os.system", ["reference._target_='os.system'", "only classes of these packages"]),
         ("surrogates.linear.name=ridge", ["different names", "ridge"]),
@@ -174,8 +174,8 @@ def test_split_refuses_another_configuration(composed: Composed, tmp_path: Path,
 
 
 def test_differences(composed: Composed) -> None:
-    earlier, now = composed("method=delayed"), composed("method=delayed", "optimizer.epsilon=.5", "seed=4")
-    assert job.differences(earlier, now) == ["optimizer.epsilon: 1.0 → 0.5"]
+    earlier, now = composed("method=delayed"), composed("method=delayed", "agent.epsilon=.5", "seed=4")
+    assert job.differences(earlier, now) == ["agent.epsilon: 1.0 → 0.5"]
     assert job.differences(now, now) == []
 
 

@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from credit.agents.sac.optimizer import SAC
+from credit.agents.sac.agent import SAC
 from credit.core.errors import RunError, UserError
 from credit.core.problem import Problem
 from credit.core.seams import CreditAssigner
@@ -121,7 +121,7 @@ def test_labels_that_are_no_bits_are_refused_or_their_best_preferred(
     problem = make_continuous((0,))
     store = Store(problem)
     store.append(make_trajectories([[2, 3, 4]], [[-1.5, 0.25, 2.0]]))
-    with pytest.raises(UserError, match=r"optimizer\.prefer=success.*-1\.5"):
+    with pytest.raises(UserError, match=r"agent\.prefer=success.*-1\.5"):
         small(problem).improve(store, Telling())
     sac = small(problem, prefer="top", success_share=1.0)
     sac.improve(store, Telling())

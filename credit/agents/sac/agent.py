@@ -35,7 +35,7 @@ class SAC(Learner, Agent):  # noqa: D101 - the learner's docstring is its own
         """
         if self.update_ratio and problem.replicas > 1:
             raise UserError(
-                f"optimizer.update_ratio={self.update_ratio} with {problem.replicas} seeds side by side: they do the "
+                f"agent.update_ratio={self.update_ratio} with {problem.replicas} seeds side by side: they do the "
                 "same number of updates, and have different numbers of transitions; set update_ratio=0, or replicas=1"
             )
         self._problem = problem
