@@ -17,6 +17,8 @@ from credit.planning.solve import TIE
 class FiniteHorizon(Planner):
     """Finite-horizon value iteration on (P̂, r_plan): Q_t = r_plan + P̂ max Q_{t+1}, for t = T−1 … 0 (A.2).
 
+    Nothing is worth anything behind the end of an episode.
+
     Ties go to a random action, drawn anew at every plan: order would prefer no treatment.
 
     Args:
@@ -38,10 +40,10 @@ class FiniteHorizon(Planner):
         if anew:
             self._order = 1 + self._stream.next().view(-1, problem.states, problem.actions)
         values = problem.zeros(problem.states)
-        policy: list[Tensor] = []
+        policy, goes_on = list[Tensor](), self.goes_on
         for step in reversed(range(problem.window)):
             now, arrival = cells.at(reward, step, (problem.states, problem.actions))
-            ahead = now + self.transition.backup(arrival + values)
+            ahead = now + self.transition.backup(arrival + goes_on * values)
             values = ahead.amax(-1)
             tied = ahead >= (values - TIE).unsqueeze(-1)
             policy.insert(0, (tied * self._order).argmax(-1))

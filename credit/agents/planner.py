@@ -13,13 +13,15 @@ from credit.core.policy import Policy, TablePolicy
 from credit.core.problem import Problem
 from credit.core.seams import Agent, CreditAssigner, Transition
 from credit.core.store import Store
+from credit.core.windows import Windows
 
 
 class Planner(Agent):
     """Dynamic programming on (P̂, r_plan) after every round: B.1, lines 15 to 18. States and actions are numbers.
 
     An assigner that has no table of rewards gives each step its own; a pair (s, a) is then worth the mean of those of
-    its steps, and one that was never seen the mean of all.
+    its steps, and one that was never seen the mean of all. Behind a state in which episodes end nothing is worth
+    anything: its value counts as often as they went on from there.
 
     Args:
         transition: the transition model P̂.
@@ -27,7 +29,7 @@ class Planner(Agent):
 
     observations: ClassVar = "finite"
     actions: ClassVar = "finite"
-    keeps: ClassVar[tuple[str, ...]] = ("transition", "_actions", "_total", "_visits")
+    keeps: ClassVar[tuple[str, ...]] = ("transition", "_actions", "_total", "_visits", "_arrivals", "_ends")
     _actions: Tensor  # of the last plan, [R, S] or [R, T, S]
 
     def __init__(self, transition: Transition) -> None:
@@ -38,6 +40,7 @@ class Planner(Agent):
         self._problem = problem
         self.transition.start(problem)
         self._total, self._visits = problem.zeros(problem.pairs), problem.zeros(problem.pairs)
+        self._arrivals, self._ends = problem.zeros(problem.states), problem.zeros(problem.states)  # N(s'), and the last
         self._rewards: tuple[Cells, Tensor, Tensor] | None = None
 
     def act(self, states: Tensor, step: Tensor) -> Tensor:
@@ -47,6 +50,7 @@ class Planner(Agent):
     def improve(self, store: Store, assigner: CreditAssigner) -> None:
         """Count the new transitions and plan with r_plan."""
         self.transition.observe(store.new)
+        self._count_ends(store.new)
         self._rewards = assigner.table() or self._averaged(store, assigner)
         cells, reward, _ = self._rewards
         self._actions = self.plan(cells, reward, anew=True)
@@ -70,6 +74,16 @@ class Planner(Agent):
     def plan(self, cells: Cells, reward: Tensor, anew: bool) -> Tensor:
         """The best actions [R, S] or [R, T, S] for rewards [R, N] of cells; `anew`: after new windows."""
 
+    def _count_ends(self, windows: Windows) -> None:
+        if windows.terminated is not None:
+            self._arrivals.scatter_add_(1, windows.next_states, windows.once)
+            self._ends.scatter_add_(1, windows.next_states, windows.once * windows.terminated)
+
+    @property
+    def goes_on(self) -> Tensor:
+        """How often an episode went on after it had come to a state [R, S]; 1 where none has."""
+        return 1 - self._ends / self._arrivals.clamp(min=1)
+
     def _averaged(self, store: Store, assigner: CreditAssigner) -> tuple[Cells, Tensor, Tensor]:
         """Cells (s, a), and the mean reward of each [R, N], twice: there is no optimism."""
         problem, windows = self._problem, store.new
@@ -78,7 +92,7 @@ class Planner(Agent):
             self._total.zero_()
             self._visits.zero_()
         rewards, pairs = assigner.rewards(windows), windows.pairs(problem.actions)
-        once = torch.ones_like(rewards) if windows.valid is None else windows.valid.to(rewards.dtype)
+        once = windows.once
         self._total.scatter_add_(1, pairs, rewards * once)
         self._visits.scatter_add_(1, pairs, once)
         table = mean_rewards(self._total, self._visits)

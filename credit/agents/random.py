@@ -22,7 +22,9 @@ class Random(Agent):
         """Make the action streams."""
         finite = problem.finite_actions
         self._acting = Numbers(problem, "random policy") if finite else Forces(problem, "random policy, act")
-        self._judged = Numbers(problem, None) if finite else Forces(problem, "random policy, evaluation")
+        self._judged = (
+            Numbers(problem, "random policy, evaluation") if finite else Forces(problem, "random policy, evaluation")
+        )
 
     def act(self, states: Tensor, step: Tensor) -> Tensor:
         """A uniform action."""
@@ -40,18 +42,17 @@ class Numbers(Policy, Stateful):
     """Uniform actions among A [R, K].
 
     Args:
-        problem: A and the seeds. purpose: of the random numbers; None where nobody asks for actions.
+        problem: A and the seeds. purpose: of the random numbers.
     """
 
     keeps: ClassVar = ("_stream",)
 
-    def __init__(self, problem: Problem, purpose: str | None) -> None:
+    def __init__(self, problem: Problem, purpose: str) -> None:
         self._count, self._replicas = problem.actions, problem.replicas
-        self._stream = Stream(problem, purpose, "uniform", 1) if purpose else None
+        self._stream = Stream(problem, purpose, "uniform", 1)
 
     def act(self, states: Tensor, step: Tensor) -> Tensor:
         """One draw for each copy."""
-        assert self._stream is not None
         uniform = torch.cat([self._stream.next() for _ in range(states.shape[1])], dim=1)
         return (uniform * self._count).to(torch.int64)
 
@@ -76,5 +77,5 @@ class Forces(Policy, Stateful):
         if now == 0:
             shape = (self._problem.window, states.shape[1], self._problem.actions)
             drawn = [torch.from_numpy(g.uniform(-1, 1, shape)) for g in self._generators]
-            self._round = torch.stack(drawn, 1).to(states)
+            self._round = torch.stack(drawn, 1).to(states.device, torch.float32)
         return self._round[now]

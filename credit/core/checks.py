@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from credit.core.errors import UserError
+from credit.core.errors import RunError, UserError
 from credit.core.problem import Problem
 from credit.core.windows import Windows
 
@@ -19,11 +19,20 @@ def check_windows(windows: Windows, problem: Problem) -> None:
     Raises:
         UserError: a shape, a border, a label, a state or an action is not what it must be; with the value and where.
     """
+    if windows.labels.dim() != 2:
+        raise UserError(
+            f"labels have the shape {list(windows.labels.shape)}, and here they must be [replicas, windows]"
+        )
     replicas, count = windows.labels.shape
+    if windows.length is None and windows.last is None:
+        raise UserError("windows say neither their length nor their last rows; give length=T, or last [R, K]")
     if replicas != problem.replicas:
         raise UserError(f"windows of {replicas} replicas, and the problem has {problem.replicas} (one a seed)")
     if windows.length is not None and len(windows) != count * windows.length:
         raise UserError(f"{len(windows)} rows are not {count} windows of {windows.length} steps")
+    longest = windows.length if windows.length is not None else int(windows.lengths.max()) if count else 0
+    if longest > problem.window:
+        raise UserError(f"a window has {longest} steps, and in this problem one has at most {problem.window}")
     if windows.last is not None:
         rows = len(windows) if windows.count is None else windows.count.unsqueeze(1)
         allowed = "windows have at least one row each, and lie within the rows of their replica"
@@ -34,6 +43,19 @@ def check_windows(windows: Windows, problem: Problem) -> None:
     _check_column(windows, windows.states, "state", state, problem, problem.observation_space.shape)
     _check_column(windows, windows.actions, "action", action, problem, problem.action_space.shape)
     _check_column(windows, windows.next_states, "next state", state, problem, problem.observation_space.shape)
+
+
+def require_equal_lengths(model: str, windows: Windows) -> None:
+    """Refuse windows that may end early, for a reward model that lays them side by side.
+
+    Raises:
+        RunError: windows do not say their one length.
+    """
+    if windows.length is None:
+        raise RunError(
+            f"reward model {model!r} needs windows that all have as many steps, and here they may end early; use a "
+            "linear model whose features look at states and actions, with credit=every_step"
+        )
 
 
 def _check_column(

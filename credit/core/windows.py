@@ -139,6 +139,14 @@ class Windows(Steps):
             return None
         return torch.arange(len(self), device=self.count.device) < self.count.unsqueeze(1)
 
+    @property
+    def once(self) -> Tensor:
+        """What a row counts [R, n] float64: 1, and 0 for one that means nothing."""
+        valid = self.valid
+        if valid is None:
+            return torch.ones(self.states.shape[:2], dtype=torch.float64, device=self.states.device)
+        return valid.to(torch.float64)
+
     def grid(self, values: Tensor) -> Tensor:
         """What rows have [R, n, ...], as [R, K, T, ...] in the same memory; only where all windows have T steps."""
         assert self.length is not None, "windows of different lengths have no grid"

@@ -176,7 +176,7 @@ class Scaled(Actions):
                 "the environment so that it has (gymnasium.wrappers.RescaleAction, ClipAction or TransformAction)"
             )
         self._low, self._high = (torch.from_numpy(np.asarray(part, np.float64)) for part in (space.low, space.high))
-        self._whole = np.issubdtype(space.dtype, np.integer)
+        self._whole, self._kind = np.issubdtype(space.dtype, np.integer), torch.from_numpy(space.low[..., None]).dtype
         self.space = Box(-1.0, 1.0, (prod(space.shape),))
 
     def __call__(self, actions: Tensor) -> Tensor:
@@ -184,7 +184,7 @@ class Scaled(Actions):
         low, high = self._low.to(actions.device), self._high.to(actions.device)
         share = (actions.clamp(-1, 1).to(low.dtype).reshape(*actions.shape[:-1], *low.shape) + 1) / 2
         value = torch.lerp(low.expand_as(share), high.expand_as(share), share)
-        return value.round().long() if self._whole else value.to(actions.dtype)
+        return value.round().long() if self._whole else value.to(self._kind)
 
 
 def observations(space: Space[Any], as_: View = "auto") -> Observations:

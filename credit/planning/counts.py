@@ -83,13 +83,15 @@ class ObservedCounts(Transition):
         """Count every step of new windows."""
         pairs, arrivals = windows.pairs(self._problem.actions), windows.next_states
         triples = (pairs * self._problem.states + arrivals).tolist()
-        held = zip(self._columns, triples, strict=True)
-        places = [[columns.setdefault(triple, len(columns)) for triple in of_replica] for columns, of_replica in held]
-        self._seen = max(map(len, self._columns))
-        if self._seen > self._pairs.shape[1]:
-            self._pairs, self._arrivals = grown(self._pairs, self._seen), grown(self._arrivals, self._seen)
-            self._times = grown(self._times, self._seen)
-        column, once = torch.tensor(places, device=pairs.device), torch.ones_like(pairs, dtype=FLOAT)
+        counts = [len(windows)] * len(triples) if windows.count is None else windows.count.tolist()
+        held = zip(self._columns, triples, counts, strict=True)
+        places = [[columns.setdefault(triple, len(columns)) for triple in own[:count]] for columns, own, count in held]
+        self._seen = seen = max(map(len, self._columns))
+        if seen >= self._pairs.shape[1]:
+            self._pairs, self._arrivals = grown(self._pairs, seen + 1), grown(self._arrivals, seen + 1)
+            self._times = grown(self._times, seen + 1)
+        padded = [own + [seen] * (len(windows) - len(own)) for own in places]  # a column that nobody reads
+        column, once = torch.tensor(padded, device=pairs.device), windows.once
         self._pairs.scatter_(1, column, pairs)
         self._arrivals.scatter_(1, column, arrivals)
         self._times.scatter_add_(1, column, once)
@@ -153,4 +155,4 @@ def require_small(problem: Problem) -> None:
 def count(counts: Tensor, windows: Windows, problem: Problem) -> None:
     """Add the steps of windows to counts [R, S, A, S], in place."""
     triples = windows.pairs(problem.actions) * problem.states + windows.next_states
-    counts.flatten(1).scatter_add_(1, triples, torch.ones_like(triples, dtype=FLOAT))
+    counts.flatten(1).scatter_add_(1, triples, windows.once)

@@ -37,9 +37,7 @@ class Table(Places):
 
     def extend(self, store: Store) -> None:
         """Count visits."""
-        cells, valid = self.index(store.new), store.new.valid
-        once = torch.ones_like(cells, dtype=self._visits.dtype) if valid is None else valid.to(self._visits.dtype)
-        self._visits.scatter_add_(1, cells, once)
+        self._visits.scatter_add_(1, self.index(store.new), store.new.once)
 
     def index(self, windows: Windows) -> Tensor:
         """The cell of every row [R, n]."""

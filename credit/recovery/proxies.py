@@ -25,7 +25,7 @@ def gap(reference: Estimate, surrogate: Estimate) -> Tensor:
     """Δ̂² of a surrogate [R, N]: the mean over common draws of the squared gap (9); without, that of the fits (7)."""
     first, second = reference.draws, surrogate.draws
     agree(reference=(reference.mean, "R N"), surrogate=(surrogate.mean, "R N"))
-    if first is None or second is None or not first.shape[1]:
+    if first is None or second is None or not (first.shape[1] and second.shape[1]):
         return (reference.mean - surrogate.mean).square()
     agree(reference=(first, "R B N"), surrogate=(second, "R B N"))
     return by_replica(lambda a, b: (a - b).square_().mean(1), first, second)

@@ -44,7 +44,7 @@ class Recovery(CreditAssigner):
         >>> recovery.belief().mixed
     """
 
-    keeps: ClassVar = ("models", "_uncertainties", "mixer", "bonus", "_places")
+    keeps: ClassVar = ("models", "_uncertainties", "mixer", "bonus", "scaler", "_places")
 
     def __init__(
         self,
@@ -66,8 +66,9 @@ class Recovery(CreditAssigner):
         """Empty models, no visits.
 
         Raises:
-            UserError: a model looks at the step of windows that follow each other.
+            UserError: a model looks at the step of windows that follow each other; or uncertainties do not go together.
         """
+        self._check_uncertainties()
         self._places = Table(problem, self._cells(problem)) if problem.tabular else Rows(problem)
         self._kind = FLOAT if problem.tabular else torch.float32  # single steps are many
         self._device = problem.device
@@ -83,7 +84,26 @@ class Recovery(CreditAssigner):
             looks = [model.looks() for model in self.models]
             self._alike = Alike([every if own is None else own for own in looks])
         self._belief = self._believe(Store(problem)) if problem.tabular else None
-        self._rewards = None if self._belief is None else self._belief.plan
+        self._rewards = self._mixed_rewards = None if self._belief is None else self._belief.plan
+
+    def _check_uncertainties(self) -> None:
+        """Gaps are over common draws (9), and labels are held out by one bootstrap for all."""
+        counts = {model.name: getattr(model.uncertainty, "draws", 0) for model in self.models}
+        if len({count for count in counts.values() if count}) > 1:
+            found = ", ".join(f"{name}: {count}" for name, count in counts.items())
+            raise UserError(
+                f"reward models are compared draw by draw (9), and theirs are not equally many ({found}); give their "
+                "uncertainties the same number of draws"
+            )
+        wanted = self.mixer.needs.get("uncertainty")
+        if not self.mixer.sees_label_errors or wanted is None:
+            return
+        for model in self.models:
+            if not isinstance(model.uncertainty, wanted) or model.uncertainty is not self.models[0].uncertainty:
+                raise UserError(
+                    f"mixer: {type(self.mixer).__name__} weighs models by labels that a common {wanted.__name__} held "
+                    f"out, and {model.name!r} has none or another; let all models share one, or choose another mixer"
+                )
 
     def _cells(self, problem: Problem) -> Cells:
         axes = {axis for model in self.models for axis in model.looks_at}
@@ -105,7 +125,9 @@ class Recovery(CreditAssigner):
         for model in self.models:
             model.observe(store)
         self._belief = self._believe(store)
-        self._rewards = self._belief.plan if self.scaler is None else self._scaled(self._belief, self.scaler)
+        self._rewards, self._mixed_rewards = self._belief.plan, self._belief.mixed
+        if self.scaler is not None:
+            self._rewards, self._mixed_rewards = self._scaled(self._belief, self.scaler)
 
     def belief(self) -> Belief | None:
         """What is believed since the last windows."""
@@ -125,10 +147,12 @@ class Recovery(CreditAssigner):
         return self._rewards.gather(1, self._places.index(windows))
 
     def table(self) -> tuple[Cells, Tensor, Tensor] | None:
-        """Cells, r_plan and the mixed reward [R, N], where there is a table."""
+        """Cells, r_plan and the mixed reward [R, N], both scaled, where there is a table."""
         if self._belief is None or self._belief.cells is None:
             return None
-        return self._belief.cells, self._belief.plan, self._belief.mixed
+        assert self._rewards is not None
+        assert self._mixed_rewards is not None
+        return self._belief.cells, self._rewards, self._mixed_rewards
 
     def _believe(self, store: Store) -> Belief:
         """What is believed of all places."""
@@ -180,15 +204,16 @@ class Recovery(CreditAssigner):
         bonus = {name: term(belief, reference, steps).to(kind) for name, term in self.bonus.items()}
         return replace(belief, bonus=bonus, plan=reduce(torch.add, bonus.values(), belief.mixed))
 
-    def _scaled(self, belief: Belief, scaler: Scaler) -> Tensor:
-        """The mixed reward as the scaler has it, and on top of it optimism in its unit, never clipped [R, N]."""
-        rewards = torch.zeros_like(belief.mixed)
+    def _scaled(self, belief: Belief, scaler: Scaler) -> tuple[Tensor, Tensor]:
+        """The scaled mixed reward with optimism on top, in its unit and never clipped; and without it [R, N]."""
+        rewards, plain = torch.zeros_like(belief.mixed), torch.zeros_like(belief.mixed)
         for replica, mixed in enumerate(belief.mixed):
             own = slice(None) if belief.valid is None else belief.valid[replica]
             scaled, unit = scaler(mixed[own])
             optimism = [bonus[replica, own] / unit for bonus in belief.bonus.values()]
+            plain[replica, own] = scaled
             rewards[replica, own] = reduce(torch.add, optimism, scaled)
-        return rewards
+        return rewards, plain
 
     def _valid(self) -> Tensor | None:
         """Which of all places count [R, N], where replicas have different numbers of them."""

@@ -16,7 +16,7 @@ from credit.core.policy import TablePolicy
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Transition
 from credit.core.store import Store
-from credit.core.windows import Windows
+from credit.core.windows import Episode, Windows
 from credit.planning.counts import Counts, ObservedCounts
 
 from .assigners import Believed
@@ -24,6 +24,10 @@ from .assigners import Believed
 Make = Callable[..., Problem]
 STATES, ACTIONS, WINDOW = 6, 3, 4
 CELLS = Cells(PAIRS, (STATES, ACTIONS))
+ENDINGS = (  # steps, then actions, next states, and whether nothing lies behind
+    (6, (torch.zeros(6).long(), torch.zeros(6).long(), False)),
+    (1, (torch.ones(1).long(), torch.full((1,), 2), True)),
+)
 
 
 @pytest.fixture
@@ -152,3 +156,17 @@ def test_ties_are_drawn_anew_among_the_best_alone(problem: Problem, make_windows
     found = tables(agent)
     assert torch.equal(found["greedy"], found["behaviour"])  # one draw a plan, for both
     assert torch.equal(tables(agent)["behaviour"], executed(agent))  # looking does not draw
+
+
+def test_nothing_is_worth_anything_behind_an_end(make_problem: Make) -> None:
+    # State 0: action 0 stays, for .1 a step; action 1 ends the episode in state 2, for .3.
+    problem = make_problem((0,), states=3, actions=2, window=6)
+    stay, leave = (Episode(torch.zeros(n).long(), *rest) for n, rest in ENDINGS)
+    windows = Windows.of_episodes([[stay, leave]], torch.tensor([[0.6, 0.3]], dtype=FLOAT))
+    reward = torch.tensor([[0.1, 0.3, 0.0, 0.0, 5.0, 5.0]], dtype=FLOAT)  # of state 2, what optimism makes of it
+    believed = Believed(reward, reward, Cells(PAIRS, (3, 2)))
+    policy = executed(planned(problem, filled(problem, windows), Counts("zero", 0.0), believed))
+    assert policy[0, :, 0].tolist() == [0, 0, 0, 0, 0, 1]  # it stays as long as it can, and leaves at the last step
+    truncated = replace(windows, terminated=torch.zeros_like(windows.terminated))  # type: ignore[arg-type]
+    policy = executed(planned(problem, filled(problem, truncated), Counts("zero", 0.0), believed))
+    assert policy[0, :, 0].tolist() == [0, 0, 0, 0, 1, 1]  # where it leaves in time for what may lie behind

@@ -285,8 +285,16 @@ def test_windows_of_another_shape_are_refused(
 ) -> None:
     vectors, tables, wide = make_continuous((0, 1)), make_problem((0, 1)), rounds[1]
     for problem, windows, message in (
-        (tables, wide, r"states have the shape \[2, 9, 4\], and here they must have \[2, 9\]"),
+        (make_problem((0, 1), window=9), wide, r"states have the shape \[2, 9, 4\], and here they must have \[2, 9\]"),
         (vectors, replace(wide, actions=wide.actions[..., :1]), r"actions .* \[2, 9, 1\], .* have \[2, 9, 2\]"),
+        (make_problem((0, 1), window=6), grids[1], "a window has 7 steps, and in this problem one has at most 6"),
+        (make_continuous((0, 1), window=8), wide, "a window has 9 steps, .* at most 8"),
+        (tables, replace(grids[1], length=None), "neither their length nor their last rows"),
+        (
+            tables,
+            replace(grids[1], labels=grids[1].labels[0]),
+            r"labels have the shape \[4\], .* \[replicas, windows\]",
+        ),
         (make_problem((0,)), grids[1], "windows of 2 replicas, and the problem has 1"),
         (tables, replace(grids[1], labels=grids[1].labels[:, :3]), "28 rows are not 3 windows of 7 steps"),
         (tables, replace(grids[1], actions=grids[1].actions.double()), r"actions are torch.float64.*whole numbers"),

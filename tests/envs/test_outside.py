@@ -42,6 +42,8 @@ def test_agents_that_can_take_its_spaces_run(view: str, agent: Callable[[], Agen
     assert windows.labels.shape == (2, 8)
     assert windows.states.shape[2:] == (() if view == "auto" else (7,))
     assert windows.actions.shape[2:] == (1,)
+    assert len(windows.actions[0].unique()) > 5
+    assert windows.actions.dtype == torch.float32
     for _, values in journal:
         assert {"eval/return", "eval/length", "eval/auc", "eval/final", "collect/steps"} <= values.keys()
         assert "eval/success" not in values

@@ -112,6 +112,12 @@ def test_every_number_of_a_box_has_its_own_bounds_and_place() -> None:
     assert found[0, 0].tolist() == [[0, 0], [9, 5]]
 
 
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_an_action_lies_in_its_space(kind: type) -> None:
+    space = Box(-0.1, 0.1, (2,), kind)
+    assert space.contains(Scaled(space)(torch.tensor([1.0, -1.0])).numpy())
+
+
 def test_whole_numbers_stay_whole() -> None:
     found = Scaled(Box(0, 10, (1,), dtype=np.int32))(torch.tensor([[[-1.0], [0.13], [1.0]]]))
     assert found.dtype == torch.int64

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -175,3 +176,32 @@ def test_factored_mixture_against_plain_sums(make_problem: Callable[..., Problem
             count = visits[s, a]
             expected = (count * float(observed[replica, s, a]) + 3 * structured) / (count + 3)
             assert float(found[replica, s, a]) == pytest.approx(expected, abs=1e-12)
+
+
+def padded(long: Windows, short: int) -> Windows:
+    """Windows of two replicas, of which the second has only so many rows; what is behind them is no step."""
+    rows, count = len(long), torch.tensor([len(long), short])
+    last = torch.tensor([[2, rows - 1], [1, short - 1]])
+    return replace(long, labels=torch.zeros(2, 2), length=None, last=last, count=count)
+
+
+@pytest.mark.parametrize("kind", [Counts, ObservedCounts, ShiftMixture])
+def test_rows_that_mean_nothing_are_not_counted(make_problem: Callable[..., Problem], kind: type) -> None:
+    problem, alone = make_problem((0, 1)), make_problem((1,))
+    rows = torch.randint(0, 3, (3, 2, 9), generator=torch.Generator().manual_seed(0))
+    windows = padded(Windows(*rows, labels=torch.zeros(2, 2)), 4)
+    short = Windows(*rows[:, 1:, :4], labels=torch.zeros(1, 2), last=torch.tensor([[1, 3]]))
+    values = torch.rand(1, 10, dtype=torch.float64)
+    beside, single = kind(), kind()
+    beside.start(problem)
+    single.start(alone)
+    for _ in range(2):  # what padding left behind is overwritten by what is new
+        beside.observe(windows)
+        single.observe(short)
+        torch.testing.assert_close(beside.backup(values.expand(2, -1))[1:], single.backup(values))
+    again = kind()
+    again.start(problem)
+    again.load_state_dict(beside.state_dict())
+    again.observe(windows)
+    beside.observe(windows)
+    assert torch.equal(again.backup(values.expand(2, -1)), beside.backup(values.expand(2, -1)))

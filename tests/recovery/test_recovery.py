@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from credit.bench import naive
 from credit.core.belief import Belief, Estimate
 from credit.core.errors import UserError
 from credit.core.problem import Problem
-from credit.core.seams import Places
+from credit.core.seams import Mixer, Places
 from credit.core.steps import Steps
 from credit.core.store import Store
 from credit.core.windows import Windows
@@ -26,6 +26,7 @@ from credit.recovery.models.ridge import RidgeModel
 from credit.recovery.models.table import TableModel
 from credit.recovery.proxies import spread
 from credit.recovery.recovery import Recovery
+from credit.recovery.scaler import Standard
 from credit.recovery.uncertainty.bootstrap import Analytic, Bootstrap
 
 Make = Callable[..., Problem]
@@ -169,6 +170,75 @@ def test_a_model_that_looks_at_the_step_needs_windows_that_start_anew(make_probl
     model = LinearModel("timed", Identity(("step", "state")), Bootstrap(1))
     with pytest.raises(UserError, match="looks at the step in the window, and windows follow each other here"):
         Recovery(model, {}, RelativeMSE(), {}).start(make_problem())
+
+
+def two(first: Any, second: Any, mixer: Mixer) -> Recovery:
+    """A reference and a surrogate with these uncertainties."""
+    return Recovery(
+        LinearModel("ridge", Identity(), first), {"linear": LinearModel("linear", Bilinear(), second)}, mixer, {}
+    )
+
+
+def test_uncertainties_that_do_not_go_together_are_refused(make_problem: Make) -> None:
+    with pytest.raises(UserError, match=r"draw by draw.*ridge: 3, linear: 5.*same number"):
+        two(Bootstrap(3), Bootstrap(5), RelativeMSE()).start(make_problem())
+    shared = Bootstrap(3)
+    two(shared, shared, Stacking()).start(make_problem())
+    for first, second in ((shared, Analytic(0.1)), (Bootstrap(3), Bootstrap(3)), (Analytic(0.1), shared)):
+        with pytest.raises(UserError, match=r"Stacking weighs models by labels that a common Bootstrap held out"):
+            two(first, second, Stacking()).start(make_problem())
+
+
+@pytest.mark.parametrize("drawn", ["reference", "surrogate"])
+def test_where_one_of_two_has_no_draws_the_gap_is_that_of_the_fits(
+    make_problem: Make, make_windows: MakeWindows, drawn: str
+) -> None:
+    problem, parts = make_problem((0, 1)), (Bootstrap(3), Analytic(0.1))
+    recovery = two(*(parts if drawn == "reference" else parts[::-1]), RelativeMSE())
+    observed(recovery, problem, make_windows(problem, 20))
+    found = believed(recovery)
+    torch.testing.assert_close(found.disagreement[:, 0], (found.mean[:, 0] - found.mean[:, 1]).square())
+    assert (found.disagreement > 0).any()
+
+
+def test_a_planner_is_given_the_scaled_rewards(make_problem: Make, make_windows: MakeWindows) -> None:
+    problem, recovery = make_problem((0, 1)), full(3)
+    recovery.scaler = Standard()
+    windows = make_windows(problem, 20)
+    observed(recovery, problem, windows)
+    table, belief = recovery.table(), believed(recovery)
+    assert table is not None
+    cells, plan, mixed = table
+    assert torch.equal(recovery.rewards(windows), plan.gather(1, cells.index(windows)))
+    for replica in range(2):
+        scaled, unit = Standard()(belief.mixed[replica])
+        assert torch.equal(mixed[replica], scaled)
+        torch.testing.assert_close(
+            plan[replica], scaled + sum(bonus[replica] for bonus in belief.bonus.values()) / unit
+        )
+
+
+class Running(Standard):
+    """Counts how often it was asked."""
+
+    keeps: ClassVar = ("asked",)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.asked = 0
+
+    def __call__(self, rewards: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        self.asked += 1
+        return super().__call__(rewards)
+
+
+def test_a_scaler_with_a_state_goes_on_with_it(make_problem: Make, make_windows: MakeWindows) -> None:
+    problem, recovery, other = make_problem((0, 1)), full(3), full(3)
+    recovery.scaler, other.scaler = Running(), Running()
+    observed(recovery, problem, make_windows(problem, 20))
+    other.start(problem)
+    other.load_state_dict(recovery.state_dict())
+    assert other.scaler.asked == 2
 
 
 def full(draws: int, shared: bool = True, **bootstrap: Any) -> Recovery:

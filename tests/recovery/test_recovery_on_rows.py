@@ -103,7 +103,7 @@ def bonuses() -> dict[str, Bonus]:
 
 def seen(make_continuous: MakeProblem, make: Make, assigner: Recovery, seeds: tuple[int, ...] = (0, 1)) -> Store:
     """Two rounds; what a seed has in them depends on the seed alone: 24 rows of seed 0, 28 of seed 1."""
-    problem = make_continuous(seeds)
+    problem = make_continuous(seeds, window=150)
     store = Store(problem)
     assigner.start(problem)
     for number, shortest in enumerate(([5, 9], [2, 8])):
@@ -208,7 +208,7 @@ def test_a_scaler_sees_one_replica_at_a_time_and_no_bonus(
 def test_a_clip_never_touches_optimism(
     make_continuous: MakeProblem, make_trajectories: Make, clip: float, quantile: float | None
 ) -> None:
-    problem = make_continuous((0, 1))
+    problem = make_continuous((0, 1), window=150)
     found = {}
     for name, bonus in (("with", bonuses()), ("without", {})):
         assigner, store = recovery_of(models(), RelativeMSE(0.3), bonus, Standard(clip, quantile)), Store(problem)
@@ -280,7 +280,7 @@ def test_rewards_of_unseen_steps_are_refused(make_continuous: MakeProblem, make_
 
 def test_rows_that_were_seen_stay(make_continuous: MakeProblem, make_trajectories: Make) -> None:
     fixed = Fixed("reference")
-    assigner, problem = recovery_of([fixed], ReferenceOnly()), make_continuous((0,))
+    assigner, problem = recovery_of([fixed], ReferenceOnly()), make_continuous((0,), window=150)
     store = Store(problem)
     assigner.start(problem)
     for number in range(6):
@@ -340,7 +340,7 @@ def learning() -> list[Recovery]:
 def test_a_round_without_windows_is_taken(
     make_continuous: MakeProblem, make_trajectories: Make, number: int, at_first: bool
 ) -> None:
-    problem, assigner = make_continuous((0, 1)), learning()[number]
+    problem, assigner = make_continuous((0, 1), window=150), learning()[number]
     windows = make_trajectories([[3, 5, 4], [2, 4, 9]], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     none, store = first(windows, 0), Store(problem)
     assigner.start(problem)

@@ -187,22 +187,27 @@ class Learner(Stateful):
         """Some updates on what is in the buffer.
 
         Returns:
-            Of the last update: the losses `critic`, `actor` and `alpha`, the mean target `q`, `entropy`, and α as
-            `temperature`, each [R]; those of the actor are missing where it was not due.
+            Of the last update in which each was due: the losses `critic`, `actor` and `alpha`, the mean target `q`,
+            `entropy`, and α as `temperature`, each [R]; those of the actor are missing where it never was.
 
         Raises:
             RunError: a weight is not finite.
         """
+        of_actor: Terms | None = None
         for done in range(0, updates, BLOCK):
             count = min(BLOCK, updates - done)
             noise = self._noise.normal(count, 2, self.batch, self._actions, axis=2)
             for batch, part in zip(replay.sample(self.batch, count), noise, strict=True):
                 terms = self.update(batch, part)
+                of_actor = of_actor if terms.log_prob is None else terms
         self.check()
-        values = losses(terms, self.log_alpha, self._entropy) | {"q": terms.target.mean(-1)}
-        if terms.log_prob is not None:
-            values |= {"entropy": -terms.log_prob.mean(-1), "temperature": self.log_alpha.exp()}
-        return values
+        values = dict[str, Tensor]()
+        if of_actor is not None and of_actor.log_prob is not None:
+            values = losses(of_actor, self.log_alpha, self._entropy)
+            values |= {"entropy": -of_actor.log_prob.mean(-1), "temperature": self.log_alpha.exp()}
+        return (
+            values | losses(terms._replace(log_prob=None), self.log_alpha, self._entropy) | {"q": terms.target.mean(-1)}
+        )
 
     def update(self, batch: Batch, noise: Tensor) -> Terms:
         """One gradient step of the critics and, where it is due, of actor and α, all from the same weights.

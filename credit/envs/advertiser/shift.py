@@ -52,7 +52,7 @@ class ShiftMixture(TransitionTable):
         shift = (windows.next_states - windows.states).clamp(-1, 1) + 1
         inside = (windows.states > 0) & (windows.states < self._problem.states - 1)
         index = windows.actions * 3 + shift
-        self._shifts.flatten(1).scatter_add_(1, index.flatten(1), inside.flatten(1).to(FLOAT))
+        self._shifts.flatten(1).scatter_add_(1, index.flatten(1), inside * windows.once)
 
     def probabilities(self) -> Tensor:
         """P̂ [R, S, A, S]."""

@@ -61,7 +61,7 @@ class FactoredMixture(ObservedCounts):
         for vital in range(VITALS):
             index = (context * LEVELS + now[..., 1 + vital]) * LEVELS + then[..., 1 + vital]
             index = index.flatten(1)
-            self._moves[:, vital].flatten(1).scatter_add_(1, index, torch.ones_like(index, dtype=FLOAT))
+            self._moves[:, vital].flatten(1).scatter_add_(1, index, windows.once)
         self._joint = self._pairs_of_vitals()
 
     def state_dict(self) -> dict[str, Any]:

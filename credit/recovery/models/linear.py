@@ -10,6 +10,7 @@ from torch import Tensor
 
 from credit.core.belief import Estimate
 from credit.core.cells import Axis
+from credit.core.checks import require_equal_lengths
 from credit.core.errors import RunError, UserError
 from credit.core.problem import FLOAT, Problem
 from credit.core.ranges import Credit, Positive
@@ -77,7 +78,6 @@ class LinearModel(RidgeModel):
         self._problem, self._last = problem, problem.window - 1
         self.features.start(problem)
         self.uncertainty.start(problem)
-        self._tabular, self._look = places.cells is not None, places.look(self._phi)
         self._shape = (problem.replicas, 1 + self.uncertainty.draws, self._phi(problem.blank()).shape[-1])
         replicas, fits, size = self._shape
         if (numbers := replicas * fits * size**2) > LARGEST:
@@ -86,6 +86,7 @@ class LinearModel(RidgeModel):
                 f"numbers, at most {LARGEST:.0e} are kept; use reward=ridge_table for a table of many cells, fewer "
                 "features, or fewer seeds side by side (replicas)"
             )
+        self._tabular, self._look = places.cells is not None, places.look(self._phi)
         self._reset()
 
     def _phi(self, steps: Steps) -> Tensor:
@@ -105,8 +106,10 @@ class LinearModel(RidgeModel):
         """Update every fit with the newest windows, or fit all windows anew, as the uncertainty has it.
 
         Raises:
-            RunError: a label or a feature is not finite.
+            RunError: a label or a feature is not finite, or the last step is asked for where windows end early.
         """
+        if self.credit == "last_step":
+            require_equal_lengths(self.name, store.new)
         weights, anew = self.uncertainty.weights(store)
         windows = store.windows if anew else store.new
         sums = windows.sums(self._look.rows(windows, newest=not anew).to(FLOAT))
@@ -227,7 +230,7 @@ class LinearModel(RidgeModel):
         return self._leverage(self._in_units(phi)) if self._tabular else self._by_rows(phi)[:, -1]
 
     def _leverage(self, phi: Tensor) -> Tensor:
-        return torch.einsum("nd,rde,ne->rn", phi, self._inverse[:, 0], phi)
+        return ((phi @ self._inverse[:, 0]) * phi).sum(-1)
 
     def perturbation(self, normal: Tensor, steps: Steps | None = None) -> Tensor:
         """Φ L z with L Lᵀ = V⁻¹: a posterior draw of the reward, less its mean.

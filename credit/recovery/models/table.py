@@ -10,6 +10,7 @@ from torch import Tensor
 
 from credit.core.belief import Estimate
 from credit.core.cells import PAIRS, Axis, Cells
+from credit.core.checks import require_equal_lengths
 from credit.core.errors import UserError
 from credit.core.problem import FLOAT, Problem
 from credit.core.ranges import Credit, Positive, PositiveInt
@@ -90,7 +91,12 @@ class TableModel(RidgeModel):
         self._fits = [_Fit(*sizes, problem.device) for _ in problem.seeds]
 
     def observe(self, store: Store) -> None:
-        """Add the newest windows and solve; or forget all, and fit all anew from the last solution on."""
+        """Add the newest windows and solve; or forget all, and fit all anew from the last solution on.
+
+        Raises:
+            RunError: windows have different lengths.
+        """
+        require_equal_lengths(self.name, store.new)
         weights, anew = self.uncertainty.weights(store)
         if anew:
             for fit in self._fits:

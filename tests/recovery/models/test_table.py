@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 import torch
 
-from credit.core.errors import UserError
+from credit.core.errors import RunError, UserError
 from credit.core.problem import FLOAT, Problem
 from credit.core.steps import Steps
 from credit.core.windows import Windows
+from credit.recovery.features.tabular import Identity
 from credit.recovery.models import table
 from credit.recovery.models.conjugate import Design
+from credit.recovery.models.linear import LinearModel
 from credit.recovery.models.table import TableModel
 from credit.recovery.uncertainty.bootstrap import Analytic
 
@@ -236,3 +238,12 @@ def test_a_round_without_windows_changes_nothing(problem: Problem, first: bool) 
     Experience(problem, other).see(windows, poisson(windows, 1))
     torch.testing.assert_close(model.estimate().mean, other.estimate().mean, atol=1e-9, rtol=0)
     assert model.estimate().mean.abs().max() > 0.01
+
+
+def test_windows_that_may_end_early_are_refused(problem: Problem) -> None:
+    timed = replace(problem, axes=("step", "state", "action"), episodic=True)
+    windows = Windows(*torch.zeros(3, 2, 3).long(), labels=torch.zeros(2, 1), last=torch.full((2, 1), 2))
+    windows = replace(windows, step=torch.arange(3).expand(2, 3))
+    for model in (TableModel(Given(1)), LinearModel("last", Identity(), Given(1), credit="last_step")):
+        with pytest.raises(RunError, match=r"needs windows that all have as many steps"):
+            Experience(timed, model).see(windows)
