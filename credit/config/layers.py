@@ -165,6 +165,23 @@ def _base() -> Layer:
     return Layer.of("", "")
 
 
+def _named_by_its_file(option: str, found: ConfigResult) -> None:
+    """A method or an experiment that does not say its name has that of its file.
+
+    Raises:
+        UserError: what it says would reach nothing but its own group.
+    """
+    group, _, name = option.partition("/")
+    if group not in ("method", "experiment") or not isinstance(found.config, DictConfig):
+        return
+    if found.header.get("package") != "_global_":
+        raise UserError(
+            f"{group}={name}: its file has to begin with the line `# @package _global_`, to reach other groups"
+        )
+    with open_dict(found.config):
+        found.config.setdefault(group, name)
+
+
 class Shared(FileConfigSource):
     """A folder of credit, or of a package: `credit://<folder>`."""
 
@@ -178,7 +195,8 @@ class Shared(FileConfigSource):
         found = super().load_config(config_path)
         if isinstance(found.config, DictConfig):
             layer = _LAYER.get() or _base()
-            layer.apply(config_path.removesuffix(".yaml"), found.config)
+            layer.apply(option := config_path.removesuffix(".yaml"), found.config)
+            _named_by_its_file(option, found)
         return found
 
 
@@ -195,7 +213,8 @@ class Own(FileConfigSource):
         found = super().load_config(config_path)
         if isinstance(found.config, DictConfig):
             roles = Layer((_LAYER.get() or _base()).roles)
-            roles.apply(config_path.removesuffix(".yaml"), found.config)
+            roles.apply(option := config_path.removesuffix(".yaml"), found.config)
+            _named_by_its_file(option, found)
         return found
 
     def is_config(self, config_path: str) -> bool:

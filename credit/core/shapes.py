@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
+import torch
 from torch import Tensor
 
 
@@ -17,20 +20,27 @@ def agree(**tensors: tuple[Tensor, str]) -> None:
     Example:
         >>> agree(mse=(mse, "M N"), disagreement=(gaps, "M-1 N"), best=(best, "N"))
     """
+    if not _fit(tuple((tensor.shape, dims) for tensor, dims in tensors.values())):
+        raise _misfit(tensors)
+
+
+@lru_cache(maxsize=4096)  # equations see the same shapes in every round
+def _fit(given: tuple[tuple[torch.Size, str], ...]) -> bool:
     sizes: dict[str, int] = {}
     leading = None
-    for tensor, dims in tensors.values():
-        names, shape = dims.split(), tensor.shape
+    for shape, dims in given:
+        names = dims.split()
         if len(shape) < len(names):
-            raise _misfit(tensors)
+            return False
         before = shape[: len(shape) - len(names)]
         if before != (leading := before if leading is None else leading):
-            raise _misfit(tensors)
+            return False
         for name, size in zip(names, shape[len(before) :], strict=True):
             dimension, _, less = name.partition("-")
             whole = size + int(less or 0)
             if sizes.setdefault(dimension, whole) != whole:
-                raise _misfit(tensors)
+                return False
+    return True
 
 
 def _misfit(tensors: dict[str, tuple[Tensor, str]]) -> ValueError:

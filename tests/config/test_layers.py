@@ -227,3 +227,19 @@ def test_every_wish_changes_something(kind: str, name: str) -> None:
         group, _, option = wish.option.partition("/")
         said = [files.read(path) for each, path in files.options(group).items() if option in ("*", each)]
         assert any(node.get(wish.key, "…") != wish.value for node in said), wish
+
+
+def test_a_method_or_an_experiment_that_does_not_say_its_name_has_that_of_its_file(write: Write, own: str) -> None:
+    write("method/mine", "# @package _global_\ndefaults: [reference]")
+    write("experiment/theirs", "# @package _global_\ndefaults: [sepsis]\ntrainer: {steps: 700}")
+    write("method/other", "# @package _global_\ndefaults: [reference]\nmethod: another_name")
+    config = registry.compose(["experiment=theirs", "method=mine"], [own])
+    assert (config["experiment"], config["method"], config["trainer"]["steps"]) == ("theirs", "mine", 700)
+    assert registry.compose(["method=other"], [own])["method"] == "another_name"
+
+
+@pytest.mark.parametrize("group", ["method", "experiment"])
+def test_a_file_that_would_reach_no_other_group_is_explained(group: str, write: Write, own: str) -> None:
+    write(f"{group}/mine", "mixer: {alpha: 0.3}")
+    with pytest.raises(UserError, match=rf"{group}=mine: its file has to begin with the line `# @package _global_`"):
+        registry.compose([f"{group}=mine"], [own])
