@@ -11,10 +11,9 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, Any
 
+from credit.core.version import __version__
 from credit.envs.registration import register_soon
 from credit.renamed import answer_old_imports
-
-__version__ = "0.2.0"
 
 if TYPE_CHECKING:
     from credit.runs.load import Run, load
@@ -25,7 +24,7 @@ os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # TorchRL reads it once, a
 answer_old_imports()
 register_soon()  # our environments, with Gymnasium, once it is imported
 
-__all__ = ["Result", "Run", "compose", "load", "resume", "run"]
+__all__ = ["Result", "Run", "__version__", "compose", "load", "resume", "run"]
 _HOMES = {
     "compose": "runs.runner",
     "load": "runs.load",

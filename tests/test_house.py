@@ -33,10 +33,10 @@ BELOW: dict[str, set[str]] = {  # room → the rooms that it may import, beside 
     "runs": LOOP | {"config"},
     **dict.fromkeys(READERS, CORE | {"runs"}),
     "cli": LOOP | READERS | {"config", "runs", "bench", "testing"},
-    "bench": LOOP | READERS | {"config", "runs", "cli"},
+    "bench": LOOP | READERS | {"config", "runs", "cli", ""},  # the last: `credit` itself, as its users have it
     "testing": LOOP | READERS | {"config", "runs", "cli"},
     "renamed": set(),
-    "": {"runs", "envs.registration"},  # credit/__init__.py: what `credit.run` stands for, and our Gymnasium ids
+    "": {"runs", "envs.registration", "core.version"},  # credit/__init__.py: `credit.run`, and our Gymnasium ids
 }
 ONLY = {  # package → the rooms that know it
     "hydra": {"config", "cli"},
@@ -109,6 +109,8 @@ def against() -> set[tuple[str, str]]:
             top, _, inside = other.partition(".")
             if top == "credit" and inside and not may(name, inside):
                 found.add((name, inside))
+            if other == "credit" and "" not in BELOW[room(name)]:
+                found.add((name, ""))
             if room(name) not in ONLY.get(top, {room(name)}):
                 found.add((name, top))
     return found

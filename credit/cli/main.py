@@ -7,8 +7,8 @@ import os
 import sys
 from collections.abc import Sequence
 
-from credit import __version__
 from credit.core.errors import UserError, nearest
+from credit.core.version import __version__
 
 COMMANDS = {
     "train": ("[overrides]", "run one job; with -m a sweep over comma-separated values"),

@@ -15,8 +15,8 @@ from typing import Any
 
 import yaml
 
-from credit import __version__
 from credit.core.errors import UserError
+from credit.core.version import __version__
 
 FLUSH_SECONDS = 1.0
 SECONDS = "time/seconds"

@@ -1,0 +1,3 @@
+"""The version of this code, by semantic versioning."""
+
+__version__ = "0.2.0"
