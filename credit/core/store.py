@@ -38,6 +38,7 @@ class Store(Stateful):
         self._labels = problem.zeros(1)
         self._last = torch.zeros(problem.replicas, 1, dtype=torch.int64, device=problem.device)
         self._rows = torch.zeros(problem.replicas, dtype=torch.int64)  # of each replica
+        self._level: int | None = 0  # the same, where all replicas have as many: what the hot path asks for
         self._windows, self._length = 0, -1  # K; T, 0 where windows differ, −1 as long as there are none
         self.new: Windows
         self.before = self._rows  # rows of each replica before the last append [R]
@@ -66,10 +67,11 @@ class Store(Stateful):
                 f"have {sorted(columns)} with length {length}"
             )
         self._length = length
-        self.before = self._rows.clone()
-        added = torch.full_like(self._rows, len(windows)) if windows.count is None else windows.count.cpu()
-        even = windows.count is None and bool((self._rows == self._rows[0]).all())
-        first, stop = int(self._rows.max()) if even else 0, int((self._rows + added).max())
+        self.before = self._rows
+        added = len(windows) if windows.count is None else windows.count.cpu()
+        rows = self._rows + added
+        even = self._level is not None and windows.count is None
+        first, stop = (self._level or 0, (self._level or 0) + len(windows)) if even else (0, int(rows.max()))
         for name, part in columns.items():
             block = self._columns.get(name)
             if block is None:
@@ -80,9 +82,9 @@ class Store(Stateful):
             if even:
                 block[:, first:stop] = part
             else:
-                put(block, part, self._rows.tolist(), added.tolist())
+                put(block, part, self._rows.tolist(), (rows - self._rows).tolist())
         self._add_labels(windows)
-        self._rows = self._rows + added
+        self._rows, self._level = rows, stop if even else _level(rows)
         self.new = windows
 
     def _add_labels(self, windows: Windows) -> None:
@@ -97,13 +99,12 @@ class Store(Stateful):
     @property
     def windows(self) -> Windows:
         """All windows, as views."""
-        rows = int(self._rows.max())
+        rows = int(self._rows.max()) if self._level is None else self._level
         columns: dict[str, Any] = {name: block[:, :rows] for name, block in self._columns.items()}
         labels = self._labels[:, : self._windows]
         if self._length:
             return Windows(**columns, labels=labels, length=self._length)
-        ragged = bool((self._rows != rows).any())
-        count = self._rows.to(self._device) if ragged else None
+        count = self._rows.to(self._device) if self._level is None else None
         return Windows(**columns, labels=labels, last=self._last[:, : self._windows], count=count)
 
     def state_dict(self) -> dict[str, Any]:
@@ -122,4 +123,9 @@ class Store(Stateful):
         self._columns = {name: block.to(self._device) for name, block in state["columns"].items()}
         self._labels, self._last = state["labels"].to(self._device), state["last"].to(self._device)
         self._rows, self._length = state["rows"].cpu(), state["length"]
-        self._windows = self._labels.shape[1]
+        self._windows, self._level = self._labels.shape[1], _level(self._rows)
+
+
+def _level(rows: Tensor) -> int | None:
+    """How many rows every replica has; None where they differ."""
+    return int(rows[0]) if bool((rows == rows[0]).all()) else None
