@@ -17,8 +17,6 @@ from credit.planning.solve import TIE
 class FiniteHorizon(Planner):
     """Finite-horizon value iteration on (P̂, r_plan): Q_t = r_plan + P̂ max Q_{t+1}, for t = T−1 … 0 (A.2).
 
-    Nothing is worth anything behind the end of an episode.
-
     Ties go to a random action, drawn anew at every plan: order would prefer no treatment.
 
     Args:

@@ -20,11 +20,9 @@ class Random(Agent):
 
     def start(self, problem: Problem) -> None:
         """Make the action streams."""
-        finite = problem.finite_actions
-        self._acting = Numbers(problem, "random policy") if finite else Forces(problem, "random policy, act")
-        self._judged = (
-            Numbers(problem, "random policy, evaluation") if finite else Forces(problem, "random policy, evaluation")
-        )
+        kind, purpose = (Numbers, "random policy") if problem.finite_actions else (Forces, "random policy, act")
+        self._acting: Numbers | Forces = kind(problem, purpose)
+        self._judged: Numbers | Forces = kind(problem, "random policy, evaluation")
 
     def act(self, states: Tensor, step: Tensor) -> Tensor:
         """A uniform action."""

@@ -20,12 +20,14 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
 
 from credit.config import answers, files, layers
 from credit.config.files import CONFIG_NAME
 from credit.core.errors import UserError
 
 COMPOSES = ("hydra", "choose", "defaults_for", "names")  # keys that are not part of a job
+REFUSED = (HydraException, OmegaConfBaseException, YAMLError, RecursionError)  # how words and files are refused
 GENERIC = "generic"  # the experiment of an environment that has none of its own
 
 
@@ -53,7 +55,7 @@ def _composed(words: tuple[str, ...], config_dirs: tuple[str, ...], stamp: objec
             found = plain(hydra.compose(CONFIG_NAME, overrides=list(words)))
     except UserError:
         raise
-    except (HydraException, OmegaConfBaseException, RecursionError, ValueError) as error:  # the last: `mixer=3`
+    except (*REFUSED, ValueError) as error:  # the last: `mixer=3`
         raise UserError(answers.explain(error, words, config_dirs, compose)) from None
     return found | ({"experiment": _folder_of(words, config_dirs)} if found.get("experiment") == GENERIC else {})
 
@@ -121,7 +123,7 @@ def hydra_node(overrides: Sequence[str], config_dirs: Sequence[str] = (), whole:
     try:
         with composing(overrides, config_dirs):
             config = hydra.compose(CONFIG_NAME, overrides=list(overrides), return_hydra_config=True)
-    except (HydraException, OmegaConfBaseException, RecursionError) as error:
+    except REFUSED as error:
         raise UserError(answers.explain(error, overrides, config_dirs, compose)) from None
     found: Any = OmegaConf.to_container(config, resolve=False)
     return found if whole else found["hydra"]

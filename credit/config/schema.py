@@ -49,7 +49,7 @@ class Check:
         self.remark = ""
         self.used: set[str] = set()
         self._config = config
-        self._slots = slots
+        self._slots, self._roots = slots, roots
         self._classes: dict[str, dict[str, type[Component]]] = {}  # slot → path → class, without nested parts
         self._parts: dict[str, list[tuple[str, type[Component]]]] = {}  # slot → nested parts
         plain = {key: value for key, value in config.items() if key not in slots}
@@ -134,6 +134,12 @@ class Check:
             node = at(self._config, path)
             for name, (hint, default) in signature(cls).items():
                 if name in node or component_kind(hint) is None:
+                    continue
+                if name == "env" and slot not in self._roots:
+                    self.problems.append(
+                        f"{path}: {cls.__name__} asks for env, and the environment knows the true reward; ask for what "
+                        "it tells learners: knows = <the class of its knowledge()>"
+                    )
                     continue
                 if name not in self._slots:
                     if default is REQUIRED:

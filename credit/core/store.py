@@ -70,8 +70,8 @@ class Store(Stateful):
         self.before = self._rows
         added = len(windows) if windows.count is None else windows.count.cpu()
         rows = self._rows + added
-        even = self._level is not None and windows.count is None
-        first, stop = (self._level or 0, (self._level or 0) + len(windows)) if even else (0, int(rows.max()))
+        level = self._level if windows.count is None else None
+        first, stop = (0, int(rows.max())) if level is None else (level, level + len(windows))
         for name, part in columns.items():
             block = self._columns.get(name)
             if block is None:
@@ -79,12 +79,12 @@ class Store(Stateful):
             elif stop > block.shape[1]:
                 block = grown(block, stop)
             self._columns[name] = block
-            if even:
+            if level is not None:
                 block[:, first:stop] = part
             else:
                 put(block, part, self._rows.tolist(), (rows - self._rows).tolist())
         self._add_labels(windows)
-        self._rows, self._level = rows, stop if even else _level(rows)
+        self._rows, self._level = rows, _common(rows) if level is None else stop
         self.new = windows
 
     def _add_labels(self, windows: Windows) -> None:
@@ -123,9 +123,9 @@ class Store(Stateful):
         self._columns = {name: block.to(self._device) for name, block in state["columns"].items()}
         self._labels, self._last = state["labels"].to(self._device), state["last"].to(self._device)
         self._rows, self._length = state["rows"].cpu(), state["length"]
-        self._windows, self._level = self._labels.shape[1], _level(self._rows)
+        self._windows, self._level = self._labels.shape[1], _common(self._rows)
 
 
-def _level(rows: Tensor) -> int | None:
+def _common(rows: Tensor) -> int | None:
     """How many rows every replica has; None where they differ."""
     return int(rows[0]) if bool((rows == rows[0]).all()) else None

@@ -225,8 +225,6 @@ class Recovery(CreditAssigner):
 
 
 def _as(estimate: Estimate, kind: torch.dtype) -> Estimate:
-    if estimate.mean.dtype == kind:
-        return estimate
     draws = None if estimate.draws is None else estimate.draws.to(kind)
     return Estimate(estimate.mean.to(kind), estimate.variance.to(kind), draws)
 

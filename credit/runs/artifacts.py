@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn.utils.rnn import pad_sequence
 
 from credit.core.belief import Belief
 from credit.core.policy import tabulate
@@ -64,7 +65,8 @@ class Recorder(Stateful):
             policy = tabulate(trainer.agent.policies()["behaviour"], trainer.problem)
             truth, summary = trainer.judge.truth(belief.cells), trainer.env.summary(belief.cells)
             assert policy is not None
-            assert truth is not None
+            if truth is None:  # nobody knows it
+                truth = torch.full_like(belief.mixed[0], torch.nan)
             found["recovery.npz"] = recovery_arrays(replica, trainer.store.windows, belief, truth, policy, summary)
         if self._grid is not None and self._rounds:
             found["recovery.npz"] = grid_arrays(replica, self._grid, self._rounds)
@@ -121,8 +123,9 @@ def recovery_arrays(
 ) -> Arrays:
     """Arrays of one replica, tables over `cells` (the names of the axes: [S, A] by default) unless said.
 
-    `windows/states`, `windows/actions`, `windows/next_states` [K, T], `windows/labels` [K]; `models` (names, the
-    reference first); `reward/true`, `reward/<model>`, `draws/<model>` [B, ...], `mse/<model>`,
+    `windows/states`, `windows/actions`, `windows/next_states` [K, T] (−1 behind the end of a window that ended early),
+    `windows/labels` [K]; `models` (names, the reference first); `reward/true` (NaN where it is not known),
+    `reward/<model>`, `draws/<model>` [B, ...], `mse/<model>`,
     `disagreement/<surrogate>` (Δ̂²), `weight/<model>`, `best`, `reward/mixed`, `bonus/<name>`, `reward/plan`, `visits`;
     `policy` [S], or [T, S] by step; and `axis/<name>`, two small axes over which a large table can be shown.
     """
@@ -134,9 +137,9 @@ def recovery_arrays(
         return values.cpu().numpy().reshape(*values.shape[:-1], *shape)
 
     arrays = {
-        "windows/states": windows.grid(windows.states)[replica].cpu().numpy().astype(np.int32),
-        "windows/actions": windows.grid(windows.actions)[replica].cpu().numpy().astype(np.int32),
-        "windows/next_states": windows.grid(windows.next_states)[replica].cpu().numpy().astype(np.int32),
+        "windows/states": by_window(windows, windows.states, replica),
+        "windows/actions": by_window(windows, windows.actions, replica),
+        "windows/next_states": by_window(windows, windows.next_states, replica),
         "windows/labels": windows.labels[replica].cpu().numpy(),
         "models": np.array(belief.models),
         "cells": np.array(belief.cells.axes),
@@ -160,6 +163,14 @@ def recovery_arrays(
     for name, bonus in belief.bonus.items():
         arrays[f"bonus/{name}"] = table(bonus[replica])
     return arrays
+
+
+def by_window(windows: Windows, numbers: Tensor, replica: int) -> np.ndarray:
+    """Numbers of rows [R, n] of one replica, window by window [K, T]; −1 behind the end of one that ended early."""
+    if windows.length is not None:
+        return windows.grid(numbers)[replica].cpu().numpy().astype(np.int32)
+    parts = numbers[replica, : int(windows.ends[replica, -1]) + 1].split(windows.lengths[replica].tolist())
+    return pad_sequence(list(parts), batch_first=True, padding_value=-1).cpu().numpy().astype(np.int32)
 
 
 def write_arrays(path: Path, arrays: Arrays) -> None:

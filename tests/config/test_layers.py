@@ -243,3 +243,9 @@ def test_a_file_that_would_reach_no_other_group_is_explained(group: str, write: 
     write(f"{group}/mine", "mixer: {alpha: 0.3}")
     with pytest.raises(UserError, match=rf"{group}=mine: its file has to begin with the line `# @package _global_`"):
         registry.compose([f"{group}=mine"], [own])
+
+
+def test_a_file_that_is_no_yaml_is_named(write: Write, own: str) -> None:
+    write("mixer/mine", "alpha: [")
+    with pytest.raises(UserError, match=r"mixer/mine\.yaml"):
+        registry.compose(["mixer=mine"], [own])

@@ -33,6 +33,13 @@ class Rocket(Engine):
     """Another engine."""
 
 
+class Curious(Engine):
+    """Wants to be given the environment."""
+
+    def __init__(self, env: World) -> None:
+        self.env = env
+
+
 class Wheel(Component):
     """A kind."""
 
@@ -103,7 +110,7 @@ SLOTS: dict[str, type[Component]] = {"env": World, "engine": Engine, "wheels": W
 def _announced(monkeypatch: pytest.MonkeyPatch) -> None:
     """Put the classes above into a module of a package that has announced itself."""
     module = types.ModuleType(PACKAGE)
-    for cls in (Engine, Petrol, Rocket, Wheel, BigWheel, World, Car, Shop, Picky):
+    for cls in (Engine, Petrol, Rocket, Curious, Wheel, BigWheel, World, Car, Shop, Picky):
         setattr(module, cls.__name__, cls)
     module.not_a_class = 3  # type: ignore[attr-defined]
     module.Order = Order  # type: ignore[attr-defined]
@@ -269,6 +276,12 @@ def test_a_slot_that_nothing_reaches_is_not_used_but_checked() -> None:
 def test_parts_that_are_not_used_need_not_fit() -> None:
     config = good() | {"engine": node("Rocket")}
     assert schema.Check(config, SLOTS, Order, ("wheels",)).problems == []
+
+
+def test_only_the_root_is_given_the_environment() -> None:
+    assert [text.partition(";")[0] for text in problems(setter("engine", node("Curious")))] == [
+        "engine: Curious asks for env, and the environment knows the true reward"
+    ]
 
 
 def test_nothing_is_built_by_the_check() -> None:

@@ -55,6 +55,28 @@ class Shelves(Environment):
         return Transitions(self.seen(moved), full.to(FLOAT) + 0.25, full, torch.zeros_like(full))
 
 
+class Corridor(Environment):
+    """Four rooms in a row; whoever has gone right three times is out, for a reward of 1. Nobody knows P or r."""
+
+    setting: ClassVar = "episodic"
+
+    def problem(self, window: int, seeds: tuple[int, ...], device: torch.device | str) -> Problem:
+        return Problem.finite(4, 2, window, seeds, device, episodic=True)
+
+    def start(self, problem: Problem, copies: int = 1, purpose: str = "environment") -> None:
+        self._room = torch.zeros(problem.replicas, copies, dtype=torch.int64)
+
+    def reset(self, mask: Tensor | None = None) -> Tensor:
+        self._room = torch.zeros_like(self._room) if mask is None else self._room.masked_fill(mask, 0)
+        return self._room
+
+    def step(self, actions: Tensor, mask: Tensor | None = None) -> Transitions:
+        moved = (self._room + 2 * actions - 1).clamp(0, 3)
+        self._room = moved if mask is None else torch.where(mask, moved, self._room)
+        out = self._room == 3
+        return Transitions(self._room, out.to(FLOAT), out, torch.zeros_like(out))
+
+
 def pushes(*rising: int) -> Follow:
     """Each replica pushes hard in every n-th step."""
 

@@ -4,19 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 import torch
 
+from credit.agents.finite_horizon import FiniteHorizon
 from credit.agents.q_learning import QLearning
 from credit.agents.random import Random
 from credit.agents.sac.agent import SAC
 from credit.core.errors import UserError
 from credit.core.seams import Agent, Feedback
 from credit.envs.feedback import BlockSum, Success, Terminal
+from credit.planning.counts import Counts
+from credit.recovery.bonuses import Count
+from credit.recovery.features.tabular import Identity
+from credit.recovery.mixers import RelativeMSE
+from credit.recovery.models.linear import LinearModel
+from credit.recovery.recovery import Recovery
+from credit.recovery.uncertainty.bootstrap import Bootstrap
 from credit.rivals.rules import Delayed
+from credit.runs.artifacts import Recorder
 from credit.trainer import Trainer
 
-from .outside import Shelves
+from .outside import Corridor, Shelves
 
 Journal = list[tuple[int, dict[str, torch.Tensor]]]
 ROUNDS = {"steps": 96, "windows_per_round": 2, "log_every": 2}
@@ -49,6 +59,34 @@ def test_agents_that_can_take_its_spaces_run(view: str, agent: Callable[[], Agen
         assert "eval/success" not in values
         assert all(value.shape == (2,) for value in values.values())
     assert torch.equal(journal[-1][1]["collect/steps"].long(), windows.lengths.sum(1))
+
+
+def test_a_finite_environment_whose_truth_nobody_knows_runs_and_leaves_its_arrays() -> None:
+    bootstrap = Bootstrap(4)
+    model = LinearModel("linear", Identity(), bootstrap)
+    recovery = Recovery(model, {}, RelativeMSE(), {"count": Count()})
+    trainer = Trainer(Corridor(), BlockSum(12, 0.1), recovery, FiniteHorizon(Counts()), **ROUNDS)
+    trainer.start((3, 4))
+    recorder = Recorder(trainer)
+    trainer.run(lambda step, values: None)
+    arrays = recorder.files(1)["recovery.npz"]
+    windows = trainer.store.windows
+    lengths = windows.lengths[1].tolist()
+    assert len(set(lengths)) > 1
+    assert np.isnan(arrays["reward/true"]).all()
+    for name in ("states", "actions", "next_states"):
+        found, rows = arrays[f"windows/{name}"], getattr(windows, name)[1]
+        assert found[found >= 0].tolist() == rows[: sum(lengths)].tolist()
+        assert (found >= 0).sum(1).tolist() == lengths
+
+
+def test_random_numbers_are_judged_by_rollouts() -> None:
+    journal: Journal = []
+    trainer = Trainer(Corridor(), BlockSum(12, 0.1), Delayed(), Random(), **ROUNDS)
+    trainer.start((3, 4))
+    trainer.run(lambda step, values: journal.append((step, values)))
+    assert (journal[-1][1]["eval/return"] <= 1).all()
+    assert journal[-1][1]["eval/length"].min() >= 3
 
 
 def test_success_is_judged_where_it_is_the_label() -> None:

@@ -184,7 +184,7 @@ def test_updates_of_a_round_and_what_is_told_of_them(make_continuous: MakeProble
         assert {"critic", "actor", "alpha", "q", "entropy", "temperature"} == told.keys()
         assert all(value.shape == (2,) and value.dtype == torch.float64 for value in told.values())
     seldom, _ = learned(make_continuous, make_trajectories, rounds=1, policy_delay=2)  # due at the second of three
-    assert seldom.diagnostics().keys() == told.keys()
+    assert all(value.isfinite().all() for value in seldom.diagnostics().values())
     alone, _ = learned(make_continuous, make_trajectories, (0,), update_ratio=0.5)
     assert alone.count == 4 + 2 + 1  # of 8, 4 and 1 new transitions
     with pytest.raises(UserError, match=r"update_ratio=0\.5 with 2 seeds side by side"):
