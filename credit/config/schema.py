@@ -203,8 +203,8 @@ def build(config: Mapping[str, Any], slot: str) -> Any:
 
     def from_node(node: Mapping[str, Any]) -> Any:
         """One component."""
-        cls = resolve(str(node["_target_"]), node)
-        arguments = {}
+        target = str(node["_target_"])
+        cls, arguments = resolve(target, node), {}
         for name, (hint, default) in signature(cls).items():
             if name in node:
                 arguments[name] = from_value(node[name], component_kind(hint))
@@ -212,7 +212,12 @@ def build(config: Mapping[str, Any], slot: str) -> Any:
                 held = from_slot(name)
                 alone = takes_several(hint) and is_component(config.get(name))
                 arguments[name] = {name: held} if alone else held  # where several are wanted, one is a group of one
-        return cls(**arguments)
+        try:
+            return cls(**arguments)
+        except UserError:
+            raise
+        except Exception as error:  # whatever somebody's own constructor may raise
+            raise UserError(f"{target}: it cannot be made ({type(error).__name__}: {error})") from error
 
     return from_slot(slot)
 

@@ -17,7 +17,7 @@ from credit.config.kinds import CIRCUMSTANCES, KINDS
 from credit.core.errors import UserError
 from credit.core.ranges import NonNegative, NonNegativeInt, PositiveInt
 from credit.renamed import translated
-from credit.runs import checkpoint
+from credit.runs import rehearsal
 
 
 @dataclass(frozen=True)
@@ -91,23 +91,13 @@ def check(config: Mapping[str, Any]) -> schema.Check:
     if not found.problems:
         try:
             trainer = schema.build(config, "trainer")
-            trainer.start((config["seed"],))
-            found.remark = trainer.env.remark()
-            found.problems += _state_problems(trainer)
+            found.problems += rehearsal.problems(config)
+            if not found.problems:
+                trainer.start((config["seed"],))
+                found.remark = trainer.env.remark()
         except UserError as error:
             found.problems.append(str(error))
     return found
-
-
-def _state_problems(trainer: Any) -> list[str]:
-    """Whether a started trainer can be saved and loaded: better said now than at the first checkpoint."""
-    try:
-        state = trainer.state_dict()
-        checkpoint.only_data(state, "trainer")
-        trainer.load_state_dict(state)
-    except (TypeError, ValueError, AttributeError, LookupError, RuntimeError) as error:
-        return [f"trainer: a run of these parts could not be stopped and gone on with ({error})"]
-    return []
 
 
 def checked(config: Mapping[str, Any], say: Callable[[str], None] = lambda remark: None) -> dict[str, Any]:

@@ -12,7 +12,6 @@ import yaml
 
 from credit.config import registry
 from credit.core.errors import UserError
-from credit.recovery.bonuses import Count
 from credit.runs import job
 
 Composed = Callable[..., dict[str, Any]]
@@ -193,18 +192,3 @@ def test_jobs_take_turns_at_the_gpus(monkeypatch: pytest.MonkeyPatch) -> None:
     assert job.device("cpu", 4) == torch.device("cpu")
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     assert job.device("auto", 4) == torch.device("cpu")
-
-
-class Opaque(Count):
-    """Holds what no checkpoint can."""
-
-    def start(self, problem: Any) -> None:
-        super().start(problem)
-        self.thing = object()
-
-
-def test_what_could_not_be_saved_is_said_before_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("credit.recovery.bonuses.Count", Opaque)
-    (problem,) = problems("method=reference", "bonus=[count]")
-    assert "could not be stopped and gone on with (Opaque.thing is a object" in problem
-    assert "`keeps`" in problem
