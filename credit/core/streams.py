@@ -22,6 +22,12 @@ def generators(seeds: Sequence[int], purpose: str) -> list[np.random.Generator]:
     return [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(key,))) for seed in seeds]
 
 
+def reset_seed(seed: int, purpose: str, copy: int, episode: int) -> int:
+    """What an environment that seeds itself is reset with: one number for each episode of each copy."""
+    key = (zlib.crc32(purpose.encode()), copy, episode)
+    return int(np.random.SeedSequence(seed, spawn_key=key).generate_state(1)[0])
+
+
 def side_by_side(seeds: Sequence[int], purpose: str, members: int) -> list[np.random.Generator]:
     """One generator for each of E networks of each replica, those of a replica together."""
     each = [generators(seeds, f"{purpose} {member}") for member in range(members)]

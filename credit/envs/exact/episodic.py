@@ -18,7 +18,7 @@ from credit.core.knowledge import KnownTransitions
 from credit.core.problem import FLOAT, Problem
 from credit.core.truth import EpisodicTruth
 from credit.envs.exact.base import ExactEnvironment, cumulative
-from credit.planning.solve import first_best
+from credit.planning.horizon import backward, steps, worth
 
 
 @dataclass(frozen=True)
@@ -84,12 +84,7 @@ class SuccessorMDP:
         Raises:
             UserError: no step to plan.
         """
-        values, policy = [self._last(additive)], list[Tensor]()
-        for _ in range(_checked(horizon)):
-            ahead = self._ahead(values[0], additive)
-            values.insert(0, ahead.amax(-1))
-            policy.insert(0, first_best(ahead))
-        return torch.stack(values), torch.stack(policy)
+        return backward(partial(self._ahead, additive=additive), self._last(additive), horizon)
 
     def evaluate(self, policy: Tensor, additive: bool) -> Tensor:
         """The value [R] of policies under the initial distribution.
@@ -101,14 +96,7 @@ class SuccessorMDP:
         Raises:
             UserError: no step to evaluate.
         """
-        value = self._last(additive).unsqueeze(0)
-        for t in reversed(range(_checked(policy.shape[1]))):
-            ahead, chosen = self._ahead(value, additive), policy[:, t].cpu()
-            if policy.dim() == 4:
-                value = (ahead * chosen).sum(-1)
-            else:
-                value = ahead.expand(len(chosen), -1, -1).gather(-1, chosen.unsqueeze(-1)).squeeze(-1)
-        return (value * self.initial).sum(-1)
+        return worth(partial(self._ahead, additive=additive), self._last(additive), self.initial, policy)
 
     def _last(self, additive: bool) -> Tensor:
         return torch.zeros_like(self.reward_next) if additive else self.reward_next
@@ -195,7 +183,7 @@ class EpisodicGymEnv(gymnasium.Env[int, int]):
 
     def __init__(self, mdp: SuccessorMDP, horizon: int, render_mode: str | None = None) -> None:
         self.mdp = mdp
-        self.horizon = _checked(horizon)
+        self.horizon = steps(horizon)
         self.render_mode = render_mode
         self.observation_space = gymnasium.spaces.Discrete(mdp.states)  # type: ignore[assignment]
         self.action_space = gymnasium.spaces.Discrete(mdp.actions)  # type: ignore[assignment]
@@ -224,12 +212,6 @@ class EpisodicGymEnv(gymnasium.Env[int, int]):
         self.state = int(self.mdp.next_states[row, choice])
         self.taken += 1
         return self.state, float(self.mdp.reward_next[self.state]), self.taken == self.horizon, False, self.info()
-
-
-def _checked(horizon: int) -> int:
-    if horizon < 1:
-        raise UserError(f"horizon={horizon}: an episode has at least 1 step")
-    return horizon
 
 
 def _not_distributions(rows: Tensor) -> Tensor:

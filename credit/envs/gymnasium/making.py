@@ -1,0 +1,89 @@
+"""One environment by its id, and what to do where there is none."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium
+
+from credit.core.errors import UserError, nearest
+
+EXTRAS = {  # a word in the id or in the error → what brings it
+    "box2d": "box2d",
+    "LunarLander": "box2d",
+    "BipedalWalker": "box2d",
+    "CarRacing": "box2d",
+    "minigrid": "minigrid",
+    "MiniGrid": "minigrid",
+    "BabyAI": "minigrid",
+    "icu": "icu",
+    "Sepsis/ICU": "icu",
+}
+IMPORTS = {"Adroit": "gymnasium_robotics", "Fetch": "gymnasium_robotics", "PointMaze": "gymnasium_robotics"}
+IMPORTS |= {"MiniGrid": "minigrid", "BabyAI": "minigrid", "AntMaze": "gymnasium_robotics"}
+
+
+def make(id: str, kwargs: Mapping[str, Any], max_steps: int | None, wrappers: Sequence[str]) -> gymnasium.Env[Any, Any]:
+    """One environment in its wrappers, without Gymnasium's checker, which costs as much as a step.
+
+    Raises:
+        UserError: it is not there, or cannot be made.
+    """
+    found = [wrapper(name) for name in wrappers]
+    _import(id)
+    try:
+        env = gymnasium.make(id, max_episode_steps=max_steps, disable_env_checker=True, **kwargs)
+        for cls in found:
+            env = cls(env)
+    except gymnasium.error.UnregisteredEnv as error:
+        raise UserError(f"env.id={id!r}: {_first(error)}; {_near(id)}") from None
+    except (gymnasium.error.DependencyNotInstalled, ModuleNotFoundError) as error:
+        raise UserError(
+            f"env.id={id!r} needs a package that is not installed ({_first(error)}); {_extra(id, error)}"
+        ) from None
+    except Exception as error:  # whatever somebody's constructor may raise
+        given = f", made with {dict(kwargs)}" if kwargs else ""
+        raise UserError(f"env.id={id!r}{given} cannot be made: {type(error).__name__}: {_first(error)}") from error
+    return env
+
+
+def wrapper(name: str) -> Any:
+    """A wrapper by its name.
+
+    Raises:
+        UserError: there is none.
+    """
+    module, _, cls = name.rpartition(":")
+    own = not module
+    try:
+        return getattr(gymnasium.wrappers if own else importlib.import_module(module), cls)
+    except (ImportError, AttributeError) as error:
+        known = [word for word in dir(gymnasium.wrappers) if word[0].isupper()]
+        hint = nearest(cls, known) if own else str(error)
+        raise UserError(
+            f"env.wrappers: there is no {name!r}; give a class of gymnasium.wrappers, or package.module:Class; {hint}"
+        ) from None
+
+
+def _import(id: str) -> None:
+    """Import what registers an id, where credit knows it and it is there."""
+    for word, module in IMPORTS.items():
+        if id.startswith(word) and id not in gymnasium.registry and importlib.util.find_spec(module):
+            gymnasium.register_envs(importlib.import_module(module))
+
+
+def _near(id: str) -> str:
+    names = [name for name in gymnasium.registry if not name.startswith(("phys2d", "tabular"))]
+    return f"{nearest(id, names).partition(' (')[0]}; an id of a package that registers its own is package:id"
+
+
+def _extra(id: str, error: Exception) -> str:
+    extra = next((extra for word, extra in EXTRAS.items() if word in id or word in str(error)), None)
+    return f"pip install 'credit-rl[{extra}]'" if extra else "install what it names"
+
+
+def _first(error: BaseException) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0]
