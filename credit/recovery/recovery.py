@@ -54,7 +54,8 @@ class Recovery(CreditAssigner):
         bonus: Mapping[str, Bonus],
         scaler: Scaler | None = None,
     ) -> None:
-        self.models = [reference, *surrogates.values()]
+        self.reference, self.surrogates = reference, dict(surrogates)
+        self.models = [reference, *self.surrogates.values()]
         self.mixer = mixer
         self.bonus = dict(bonus)
         self.scaler = scaler
