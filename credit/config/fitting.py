@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from credit.config import files, schema
 from credit.config.kinds import KINDS
 from credit.core.capabilities import misfits
-from credit.core.component import Component
-from credit.core.errors import Misfit, UserError
+from credit.core.errors import Misfit
 from credit.core.problem import Problem
 
 SLOTS = {slot: kind for kind, entry in KINDS.items() for slot in entry.slots}
@@ -43,22 +41,9 @@ def _hint(key: str, problem: Problem, knowledge: Any, config_dirs: Sequence[str]
         return ""
     found = [
         name
-        for name, file in files.options(kind, config_dirs).items()
-        if (cls := _class(kind, name, file, config_dirs)) is not None
+        for name in files.options(kind, config_dirs)
+        if (cls := schema.of_option(kind, name, config_dirs)) is not None
         and not misfits(cls, problem)
         and (cls.knows is None or isinstance(knowledge, cls.knows))
     ]
     return f" ({kind}=… that goes with it: {', '.join(found)})" if found else ""
-
-
-def _class(kind: str, name: str, file: Path, config_dirs: Sequence[str]) -> type[Component] | None:
-    """What an option builds, by its own file or the one that it starts from."""
-    try:
-        node = files.read(file)
-        for _ in range(len(files.options(kind, config_dirs))):
-            if "_target_" in node:
-                return schema.resolve(f"{kind}={name}", node)
-            node = files.read(files.options(kind, config_dirs)[files.bases(kind, node)[-1]])
-    except (UserError, LookupError):
-        pass
-    return None
