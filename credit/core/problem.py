@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 import torch
@@ -14,6 +15,7 @@ from credit.core.cells import PAIRS, Axis, Cells
 from credit.core.steps import Steps
 
 FLOAT = torch.float64
+LabelKind = Literal["bits", "real"]
 
 
 class Replicas:
@@ -43,6 +45,7 @@ class Problem(Replicas):
         device: where tensors live.
         episodic: whether every window starts anew.
         axes: what the pseudo-reward is a table over, where states and actions are numbers.
+        labels: of which kind they are, where somebody says so.
 
     Example:
         >>> Problem.finite(10, 3, window=7, seeds=(0,))
@@ -56,6 +59,7 @@ class Problem(Replicas):
     device: torch.device
     episodic: bool = False
     axes: tuple[Axis, ...] = PAIRS
+    labels: LabelKind | None = None
 
     @classmethod
     def finite(
