@@ -39,7 +39,9 @@ def objective_of(feedback: Feedback) -> str:
     if isinstance(said, str) and said:
         return said
     name, additive = type(feedback).__name__, getattr(feedback, "additive", None)
-    what = f"{name} does not say its objective" if said is None else f"{name} has objective = {said!r}, which is no name"
+    what = f"{name} has objective = {said!r}, which is no name"
+    if said is None:
+        what = f"{name} does not say its objective"
     if said is None and additive is not None:
         instead = "sum" if additive else "last"
         what = f"{name} has additive = {additive}, which older versions read: declare objective = {instead!r} instead"
