@@ -11,7 +11,7 @@ import torch
 from gymnasium.spaces import Box, Discrete, Space
 from torch import Tensor
 
-from credit.core.cells import PAIRS, Axis, Cells
+from credit.core.cells import PAIRS, Cells
 from credit.core.steps import Steps
 
 FLOAT = torch.float64
@@ -44,7 +44,6 @@ class Problem(Replicas):
         seeds: one seed a replica; R = len(seeds).
         device: where tensors live.
         episodic: whether every window starts anew.
-        axes: what the pseudo-reward is a table over, where states and actions are numbers.
         labels: of which kind they are, where somebody says so.
 
     Example:
@@ -58,7 +57,6 @@ class Problem(Replicas):
     seeds: tuple[int, ...]
     device: torch.device
     episodic: bool = False
-    axes: tuple[Axis, ...] = PAIRS
     labels: LabelKind | None = None
 
     @classmethod
@@ -127,8 +125,8 @@ class Problem(Replicas):
 
     @cached_property
     def cells(self) -> Cells:
-        """The N cells of the pseudo-reward."""
-        return Cells.over(self.axes, self.window, self.states, self.actions)
+        """The S·A pairs as cells."""
+        return Cells.over(PAIRS, self.window, self.states, self.actions)
 
 
 def _count(space: Space) -> int:
