@@ -134,7 +134,7 @@ def test_the_rooms_are_those_of_the_law() -> None:
         ("judges.exact", "trainer", False),
         ("config.schema", "core.errors", True),
         ("config.schema", "runs.job", False),
-        ("", "envs.pointmaze.env", False),
+        ("", "envs.pointmaze.task", False),
         ("cli.list", "bench.sac", True),
     ],
 )

@@ -123,7 +123,7 @@ class PointMaze(Environment):
         success = self._of_copies(reached)
         return Transitions(
             self._of_copies(balls.states.astype(np.float32)),
-            self._of_copies(rewards.astype(np.float64)),  # `dense` is rounded as TorchRL's face has it
+            self._of_copies(rewards.astype(np.float64)),  # `dense` in single precision, as states are
             success,
             self._of_copies(balls.elapsed >= self._task.horizon),
             {"success": success, "goals": self._goals},
