@@ -88,7 +88,7 @@ class Trainer(Component):
                     f"trainer.{key}={getattr(self, key)}: more than the {whole} windows of the whole run "
                     f"(trainer.steps={self.steps}, feedback.window={window}); take at most {whole}, or more steps"
                 )
-        self.problem = self.env.problem(window, seeds, device)
+        self.problem = replace(self.env.problem(window, seeds, device), labels=self.feedback.kind)
         if self.steps % window and self.problem.episodic and not self.problem.tabular:
             raise UserError(
                 f"trainer.steps={self.steps}: trajectories cannot be cut short; take a multiple of feedback.window="

@@ -142,6 +142,10 @@ CASES = {
         (TRAIN, "+reward@surrogates.clinical=clinical", "surrogates.clinical.name=clinical"),
         ["Clinical needs SepsisKnowledge", "Advertiser gives LineKnowledge", "another environment"],
     ),
+    "successes among labels that are no bits": (
+        (TRAIN, "experiment=pointmaze", "feedback=block_sum", "feedback.window=300"),
+        ["agent.prefer=success", "real numbers", "agent.prefer=top"],
+    ),
     "shorter than a window": ((TRAIN, "trainer.steps=3"), ["trainer.steps=3", "feedback.window=7"]),
     "output is a file": ((TRAIN, "output=/dev/null/x"), ["output='/dev/null/x'", "/dev/null"]),
     "output cannot be made": ((TRAIN, "output=/proc/x"), ["output='/proc/x'", "not writable"]),
