@@ -30,6 +30,7 @@ WORDS = {  # group, group=option, or key → what to write instead
     "oracle": "one model serves all oracles: leave it out, or write reward@reference=primitive",
     "planner": "write agent=…; an experiment says choose: {planner: …}",
     "learner": "write agent=…; an experiment says choose: {learner: …}",
+    "env.poison": "nothing that a learner is given holds a primitive reward; leave it out",
     "assigner=step_recovery": "assigner=recovery",
     "reward=primitive_steps": "reward@reference=primitive",
     "tuned": "a key has one name; an experiment says its value there: defaults_for: {mixer/relative_mse.alpha: …}",
@@ -66,6 +67,8 @@ MODULES = {
     "credit.envs.advertiser": "credit.envs.advertiser.environment",
     "credit.envs.episodic": "credit.envs.exact.episodic",
     "credit.envs.exact": "credit.envs.exact.base",
+    "credit.envs.pointmaze.oracle": "credit.judges.rollouts",
+    "credit.envs.pointmaze.rounds": "credit.envs.episodes",
     "credit.envs.sepsis": "credit.envs.sepsis.environment",
     "credit.envs.tabular": "credit.envs.exact.continuing",
     "credit.errors": "credit.core.errors",
@@ -164,7 +167,7 @@ def instead(word: str) -> str | None:
     slot, dot, key = group.partition(".")
     if slot in SLOTS:
         return f"now {SLOTS[slot]}{dot}{key}"
-    return WORDS.get(group) or WORDS.get(f"{group}={value}")
+    return WORDS.get(group) or WORDS.get(f"{group}={value}") or WORDS.get(slot)
 
 
 def translated(config: Mapping[str, Any]) -> dict[str, Any]:

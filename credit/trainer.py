@@ -88,7 +88,7 @@ class Trainer(Component):
                     f"trainer.{key}={getattr(self, key)}: more than the {whole} windows of the whole run "
                     f"(trainer.steps={self.steps}, feedback.window={window}); take at most {whole}, or more steps"
                 )
-        self.problem = self.env.problem(window, seeds, device)
+        self.problem = replace(self.env.problem(window, seeds, device), labels=self.feedback.kind)
         if self.steps % window and self.problem.episodic and not self.problem.tabular:
             raise UserError(
                 f"trainer.steps={self.steps}: trajectories cannot be cut short; take a multiple of feedback.window="
@@ -97,14 +97,14 @@ class Trainer(Component):
         roots = {"feedback": self.feedback, "assigner": self.assigner, "agent": self.agent}
         require(roots, self.problem)
         self.env.start(self.problem)
-        parts = [part for name, root in roots.items() for _, part in parts_of(root, name)]
+        parts = [pair for name, root in roots.items() for pair in parts_of(root, name)]
         inform(parts, self.env.knowledge(), type(self.env).__name__)
         for part in (self.feedback, self.assigner, self.agent, self._explorer):
             part.start(self.problem)
         self.collector = Collector(self.env, self.feedback, self.problem)
         self.judge = judge(self.env, self.feedback, self.problem, self.collector.evaluation)
         self.store = Store(self.problem, self.steps if self.problem.tabular else 0)
-        self._shows_primitive = any(part.sees_primitive for part in parts)
+        self._shows_primitive = any(part.sees_primitive for _, part in parts)
         self.rounds = 0  # that were learned from
         self.collected = 0  # windows of each replica, without demonstrations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -97,6 +98,10 @@ class BlockUCB(Agent):
             values = self._values()
             untried = torch.where(self._tried < self._macros, self._untried + self.discount * self._value, -torch.inf)
             self._value = untried.scatter_reduce(1, self._state[:, : values.shape[1]], values, "amax")
+
+    def filled(self) -> Mapping[str, int]:
+        """As many slots as any replica uses."""
+        return dict.fromkeys(("_key", "_state", "_sums"), int(self._used.max()))
 
     def policies(self) -> dict[str, Policy]:
         """The first action of the macro-action chosen in each state."""

@@ -58,6 +58,7 @@ def main(argv: list[str]) -> int:
         return 0
     words, where = split_settings(argv)
     options = {"experiment": "advertiser", "output": Path("outputs"), **read_words(words, READERS, "compare")}
+    tracked = options.pop("tracked", True)
     from rich.console import Console
 
     from credit.report.compare import compare
@@ -83,8 +84,11 @@ def main(argv: list[str]) -> int:
     console.print("  " + "  ".join(path.name for path in report.files))
     if report.remark:
         console.print(report.remark, soft_wrap=True)
-    if report.logged:
-        console.print(report.logged, soft_wrap=True)
+    if tracked:
+        from credit.tracking.report_run import log_beside_runs
+
+        logged = log_beside_runs(options["output"], options["experiment"], report.folder, report.metrics)
+        console.print(logged, soft_wrap=True)
     return 0
 
 
@@ -124,7 +128,7 @@ def _switch(text: str) -> bool:
     return {"true": True, "false": False}[text]
 
 
-# key → argument of `compare`, how its text is read, what is allowed
+# key → argument of `compare`, or of `main`, how its text is read, what is allowed
 READERS: dict[str, Reader] = {
     "experiment": ("experiment", name, "one name"),
     "method": ("methods", names, "names separated by commas"),
@@ -138,7 +142,7 @@ READERS: dict[str, Reader] = {
     "diagnostics_seed": ("diagnostics_seed", whole(0), "a whole number, 0 or more"),
     "videos": ("videos", _switch, "true or false"),
     "output": ("output", Path, "a folder"),
-    "tracking": ("log", _tracked, "mlflow or none"),
+    "tracking": ("tracked", _tracked, "mlflow or none"),
 }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -119,7 +120,8 @@ def line(facts: dict[str, Any], config: dict[str, Any], overrides: Sequence[str]
         return f"[green]done[/green]    {name}: all {facts['skipped']} seeds were done before"
     done = f", {facts['skipped']} already done" if facts["skipped"] else ""
     resumed = f", {facts['resumed']} of them resumed" if facts["resumed"] else ""
-    values = ", ".join(f"{key} {value:.4g}" for key, value in facts["values"].items())
+    numbers = {key: math.nan if value is None else value for key, value in facts["values"].items()}  # JSON has no NaN
+    values = ", ".join(f"{key} {value:.4g}" for key, value in numbers.items())
     took = f"{facts['computed']} seeds in {facts['seconds']:.1f} s{resumed}{done}"
     return f"[green]done[/green]    {name}: {took}. {values}"
 

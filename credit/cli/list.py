@@ -13,6 +13,7 @@ from credit.config import files, schema, signatures
 from credit.config.kinds import CHOICES, KINDS
 from credit.config.layers import Layer
 from credit.core.errors import UserError, nearest
+from credit.renamed import instead
 
 
 def main(argv: list[str]) -> int:
@@ -23,6 +24,8 @@ def main(argv: list[str]) -> int:
         print("usage: credit list [KIND] [--config-dir DIR]\n\nkinds: " + ", ".join(known))
         return 0
     for kind in words.overrides:
+        if now := instead(kind):
+            raise UserError(f"{kind!r} is gone; {now}")
         if kind not in known:
             raise UserError(f"{kind!r} is no kind; {nearest(kind, known)}")
     for kind in words.overrides or known:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import sys
 from pathlib import Path
@@ -36,9 +37,7 @@ def main(argv: list[str]) -> int:
 def _session(folder: Path) -> int:
     """The command of a session once more, with its output folder where it lies now."""
     from credit.cli import train
-    from credit.config import registry
     from credit.runs import job
-    from credit.runs.runner import compose
 
     facts = json.loads((folder / "session.json").read_text(encoding="utf-8"))
     command, *argv = facts["argv"]
@@ -49,8 +48,8 @@ def _session(folder: Path) -> int:
     words = Words.parse(argv, flags=("-m", "--multirun"))
     overrides = [text for text in words.overrides if not text.startswith("output=")]
     overrides.append(f"output={folder.parents[1]}")
-    jobs = registry.expand(overrides, words.config_dirs) if train.sweeps(words) else [overrides]
-    now = [job.plan(compose(each, config_dirs=facts["config_dirs"])) for each in jobs]
+    words = dataclasses.replace(words, overrides=overrides, config_dirs=facts["config_dirs"])
+    now = [job.plan(config) for config, _ in train.checked_jobs(words, train.sweeps(words))]
     if now != facts["plan"]:
         raise UserError(
             f"{folder}: `{facts['command']}` means other jobs than when it was typed, since the configuration of "

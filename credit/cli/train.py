@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import shlex
 import signal
@@ -83,26 +84,40 @@ def sweeps(words: Words) -> bool:
 
 
 def checked_jobs(words: Words, multirun: bool) -> list[Job]:
-    """The checked configuration and the overrides of every job.
+    """The checked configuration and the overrides of every job; of a sweep's jobs that are one, the first.
+
+    A word has an effect in at least one job; in a sweep, jobs in which it has none are what they are without it.
 
     Raises:
         UserError: with the problems of all jobs, each once.
     """
+    from credit.runs import effects
+    from credit.runs.job import plan
     from credit.runs.runner import compose
 
     jobs = registry.expand(words.overrides, words.config_dirs) if multirun else [words.overrides]
-    found, problems, remarks = [], {}, dict[str, None]()
+    found, problems, remarks = dict[str, Job](), dict[str, None](), dict[str, None]()
+    useful: set[str] = set()
+    useless: dict[str, tuple[str, list[str]]] = {}  # word → its slot, and a job that it is in
     for overrides in jobs:
+        without: dict[str, str] = {}
         try:
-            config = compose(overrides, config_dirs=words.config_dirs, say=lambda text: remarks.setdefault(text))
-            found.append((config, overrides))
+            config = compose(overrides, config_dirs=words.config_dirs, say=remarks.setdefault, idle=without.update)
         except UserError as error:
             problems.update(dict.fromkeys(str(error).splitlines()))
+            continue
+        kept = [word for word in overrides if word not in without]
+        found.setdefault(json.dumps(plan(config)), (config, kept))
+        useful.update(kept)
+        useless |= {word: (slot, overrides) for word, slot in without.items()}
+    for word, (slot, overrides) in useless.items():
+        if word not in useful:
+            problems |= dict.fromkeys(effects.said(word, slot, overrides, words.config_dirs).splitlines())
     if problems:
         raise UserError("\n".join(problems))
     for remark in remarks:
         print(f"note     {remark}", file=sys.stderr)
-    return found
+    return list(found.values())
 
 
 def uses_gpu(jobs: list[Job]) -> bool:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from credit.config import files
+from credit.config import files, schema, signatures
 from credit.config.kinds import CHOICES, KINDS
 from credit.core.errors import nearest
 from credit.renamed import instead
@@ -41,6 +41,26 @@ def explain(error: Exception, overrides: Sequence[str], config_dirs: Sequence[st
                 known = ", ".join(files.options(kind, config_dirs)) if kind else ", ".join([*KINDS, *CHOICES])
                 return f"{text!r}: no name of an option; valid: {known}"
     return re.sub(r"\s*\n\s*", "; ", message.strip())
+
+
+def of_constructor(
+    error: Exception, overrides: Sequence[str], config_dirs: Sequence[str], compose: Compose
+) -> list[str] | None:
+    """The words with a `+` before a key that no file says, but a constructor has; None where that is not the trouble.
+
+    To Hydra it is a new key, to a user it is one of those that `credit check --explain` lists.
+    """
+    found = re.search(r"Could not override '([\w.]+)'", str(error))
+    words = [text for text in overrides if found and text.partition("=")[0] == found[1]]
+    if not found or not words:
+        return None
+    path, _, key = found[1].rpartition(".")
+    node: Any = compose([text for text in overrides if text not in words], config_dirs)
+    for part in path.split("."):
+        node = node.get(part) if isinstance(node, dict) else None
+    if not schema.is_component(node) or key not in signatures.signature(schema.resolve(path, node)):
+        return None
+    return [f"+{text}" if text in words else text for text in overrides]
 
 
 def _unknown_key(key: str, overrides: list[str], config_dirs: Sequence[str], compose: Compose) -> str:

@@ -26,7 +26,7 @@ from hydra.core.object_type import ObjectType
 from hydra.plugins.config_source import ConfigResult
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from credit.config import files
+from credit.config import files, schema, signatures
 from credit.config.kinds import KINDS
 from credit.core.errors import UserError, nearest
 
@@ -119,7 +119,8 @@ def _chain(
         return []
     node = files.read(path)
     before = [_chain(kind, base, config_dirs, seen | {name}) for base in files.bases(kind, node)]
-    return [*(link for chain in before for link in chain), (f"{kind}={name}", node)]
+    own = any(folder in path.parents for folder in files.own_dirs(config_dirs))
+    return [*(link for chain in before for link in chain), (f"your file {path}" if own else f"{kind}={name}", node)]
 
 
 def _mapping(node: Mapping[str, Any], key: str, by: str) -> Mapping[str, Any]:
@@ -141,8 +142,13 @@ def _wish(name: str, value: Any, by: str, config_dirs: Sequence[str]) -> Wish:
         raise UserError(f"{where} is no key of an option; write GROUP/OPTION.KEY, such as {_EXAMPLES['defaults_for']}")
     if group not in KINDS:
         raise UserError(f"{where}: {group!r} is no group; {nearest(group, KINDS)}")
-    if file != EVERY and file not in (known := files.options(group, config_dirs)):
+    known = files.options(group, config_dirs)
+    if file not in {*known, EVERY}:
         raise UserError(f"{where}: {group} has no option {file!r}; {nearest(file, known)}")
+    names = known if file == EVERY else [file]
+    heads = [set(signatures.signature(cls)) for name in names if (cls := schema.of_option(group, name, config_dirs))]
+    if heads and not any(key.partition(".")[0] in keys for keys in heads):
+        raise UserError(f"{where}: {option} has no key {key!r}; {nearest(key, set().union(*heads))}")
     return Wish(option, key, value, by)
 
 

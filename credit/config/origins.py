@@ -83,7 +83,8 @@ def _said(words: Sequence[str], config_dirs: Sequence[str]) -> Iterator[tuple[st
             for key in _keys(content):
                 path = f"{package}.{key}" if package else key
                 by = f" (chosen by {_chooser(chooser)})" if key == "_target_" and chooser else ""
-                yield path, wishes.get(key, f"{who}{by}")
+                wished = next((says for start, says in wishes.items() if f"{key}.".startswith(f"{start}.")), None)
+                yield path, wished or f"{who}{by}"
 
 
 def _keys(node: Mapping[Any, Any], prefix: str = "") -> Iterator[str]:

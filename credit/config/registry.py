@@ -27,6 +27,11 @@ from credit.config.files import CONFIG_NAME
 from credit.core.errors import UserError
 
 COMPOSES = ("hydra", "choose", "defaults_for", "names")  # keys that are not part of a job
+ROLES = {  # what to type instead of what only files say
+    "choose": "choose the part itself: agent=<option>, assigner=<option>",
+    "defaults_for": "write the key itself, such as mixer.alpha=.3",
+    "names": "write title=<name>",
+}
 REFUSED = (HydraException, OmegaConfBaseException, YAMLError, RecursionError)  # how words and files are refused
 GENERIC = "generic"  # the experiment of an environment that has none of its own
 
@@ -44,6 +49,9 @@ def compose(overrides: Sequence[str] = (), config_dirs: Sequence[str] = ()) -> d
     if named := [text for text in overrides if is_sweep_file(text)]:
         raise UserError(f"{named[0]!r} is a sweep of many jobs, and this is one; `credit train -m {named[0]}` runs it")
     words = with_experiment(overrides, config_dirs)
+    for text in overrides:
+        if (first := str(parse(text).key_or_group).partition(".")[0]) in ROLES:
+            raise UserError(f"{text!r}: {first} is what an experiment's file says; on the command line {ROLES[first]}")
     return deepcopy(_composed(tuple(words), tuple(config_dirs), files.stamp(config_dirs)))
 
 
@@ -56,6 +64,8 @@ def _composed(words: tuple[str, ...], config_dirs: tuple[str, ...], stamp: objec
     except UserError:
         raise
     except (*REFUSED, ValueError) as error:  # the last: `mixer=3`
+        if added := answers.of_constructor(error, words, config_dirs, compose):
+            return _composed(tuple(added), config_dirs, stamp)
         raise UserError(answers.explain(error, words, config_dirs, compose)) from None
     return found | ({"experiment": _folder_of(words, config_dirs)} if found.get("experiment") == GENERIC else {})
 

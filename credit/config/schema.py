@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import importlib
 import typing
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.metadata import entry_points
 from typing import Any
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
+from credit.config import files
 from credit.config.signatures import REQUIRED, component_kind, describe, signature, takes_several
 from credit.core.component import Component
 from credit.core.errors import UserError, nearest
@@ -244,6 +245,20 @@ def resolve(path: str, node: Mapping[str, Any]) -> type[Component]:
     if not (isinstance(found, type) and issubclass(found, Component)):
         raise UserError(f"{path}._target_={target!r} is not a component of credit")
     return found
+
+
+def of_option(kind: str, name: str, config_dirs: Sequence[str] = ()) -> type[Component] | None:
+    """The class of an option, as its file says it or the one that it starts from; None where they do not say it."""
+    options, node = files.options(kind, config_dirs), dict[str, Any]()
+    try:
+        for _ in options:  # no chain is longer
+            node = files.read(options[name])
+            if is_component(node):
+                return resolve(f"{kind}={name}", node)
+            *_, name = files.bases(kind, node)
+    except (UserError, LookupError, ValueError):
+        pass
+    return None
 
 
 @cache

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from credit.core.component import Component
-from credit.core.errors import UserError
+from credit.core.errors import Misfit
 from credit.core.problem import Problem
 
 SAYS = {"finite": "numbers (Discrete)", "vector": "vectors (Box)"}
@@ -52,13 +52,13 @@ def require(roots: Mapping[str, Component], problem: Problem) -> None:
     """Refuse parts that do not fit.
 
     Raises:
-        UserError: with every misfit.
+        Misfit: with every one of them.
     """
-    lines = [
-        f"{path}: {type(part).__name__} needs {' and '.join(wrong)}; choose another one, or another env"
+    found = [
+        (path, f"{type(part).__name__} needs {' and '.join(wrong)}; choose another one, or another env")
         for name, root in roots.items()
         for path, part in parts_of(root, name)
         if (wrong := misfits(part, problem))
     ]
-    if lines:
-        raise UserError("\n".join(lines))
+    if found:
+        raise Misfit(found)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 
 class UserError(ValueError):
@@ -11,6 +11,18 @@ class UserError(ValueError):
 
     The command line prints it without a traceback and exits with code 2.
     """
+
+
+class Misfit(UserError):
+    """Parts that do not go with a problem.
+
+    Attributes:
+        parts: where each stands among those that hold it (`assigner.reference.features`), and what is wrong with it.
+    """
+
+    def __init__(self, parts: Sequence[tuple[str, str]]) -> None:
+        super().__init__("\n".join(f"{path}: {what}" for path, what in parts))
+        self.parts = tuple(parts)
 
 
 class RunError(RuntimeError):

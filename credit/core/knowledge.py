@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from torch import Tensor
 
 from credit.core.component import Component
-from credit.core.errors import UserError
+from credit.core.errors import Misfit
 
 
 @dataclass(frozen=True)
@@ -22,24 +22,28 @@ class KnownTransitions:
     backup: Callable[[Tensor], Tensor]
 
 
-def inform(parts: Iterable[Component], knowledge: object, environment: str = "this environment") -> None:
+def inform(parts: Iterable[tuple[str, Component]], knowledge: object, environment: str = "this environment") -> None:
     """Give every component that knows something the knowledge that it asks for; before it is started.
 
     Args:
-        parts: components, as `parts_of` finds them. knowledge: what the environment gives, None for nothing.
-        environment: what messages call it.
+        parts: where components stand, and they, as `parts_of` finds them.
+        knowledge: what the environment gives, None for nothing. environment: what messages call it.
 
     Raises:
-        UserError: a component knows another environment.
+        Misfit: components know another environment.
     """
-    for part in parts:
-        wanted = part.knows
-        if wanted is None:
-            continue
-        if not isinstance(knowledge, wanted):
-            given = "nothing" if knowledge is None else f"{type(knowledge).__name__}"
-            raise UserError(
-                f"{type(part).__name__} needs {wanted.__name__}, and {environment} gives {given}: it is made for "
-                "another environment; choose another component in its place, or the environment that it knows"
-            )
+    given = "nothing" if knowledge is None else type(knowledge).__name__
+    asking = [(path, part, part.knows) for path, part in parts if part.knows is not None]
+    wrong = [
+        (
+            path,
+            f"{type(part).__name__} needs {wanted.__name__}, and {environment} gives {given}: it is made for another "
+            "environment; choose another component in its place, or the environment that it knows",
+        )
+        for path, part, wanted in asking
+        if not isinstance(knowledge, wanted)
+    ]
+    if wrong:
+        raise Misfit(wrong)
+    for _, part, _ in asking:
         part.learn(knowledge)

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 import torch
 from gymnasium.spaces import Box, Discrete, Space
 from torch import Tensor
 
-from credit.core.cells import PAIRS, Axis, Cells
+from credit.core.cells import PAIRS, Cells
 from credit.core.steps import Steps
 
 FLOAT = torch.float64
+LabelKind = Literal["bits", "real"]
 
 
 class Replicas:
@@ -42,7 +44,7 @@ class Problem(Replicas):
         seeds: one seed a replica; R = len(seeds).
         device: where tensors live.
         episodic: whether every window starts anew.
-        axes: what the pseudo-reward is a table over, where states and actions are numbers.
+        labels: of which kind they are, where somebody says so.
 
     Example:
         >>> Problem.finite(10, 3, window=7, seeds=(0,))
@@ -55,7 +57,7 @@ class Problem(Replicas):
     seeds: tuple[int, ...]
     device: torch.device
     episodic: bool = False
-    axes: tuple[Axis, ...] = PAIRS
+    labels: LabelKind | None = None
 
     @classmethod
     def finite(
@@ -123,8 +125,8 @@ class Problem(Replicas):
 
     @cached_property
     def cells(self) -> Cells:
-        """The N cells of the pseudo-reward."""
-        return Cells.over(self.axes, self.window, self.states, self.actions)
+        """The S·A pairs as cells."""
+        return Cells.over(PAIRS, self.window, self.states, self.actions)
 
 
 def _count(space: Space) -> int:

@@ -19,7 +19,7 @@ from credit.core.belief import Belief, Estimate
 from credit.core.cells import PAIRS, Axis, Cells
 from credit.core.component import Component
 from credit.core.policy import Policy
-from credit.core.problem import Problem
+from credit.core.problem import LabelKind, Problem
 from credit.core.state import Stateful
 from credit.core.steps import Steps
 from credit.core.store import Store
@@ -27,20 +27,23 @@ from credit.core.tensors import matvec
 from credit.core.truth import Truth
 from credit.core.windows import Windows
 
-Objective = Literal["sum", "last"]  # what a label is about: all rewards of a window together, or its last one
+Objective = Literal["sum", "last", "success"]  # a label is about all rewards of a window, its last one, or its goal
 
 
 class Feedback(Component):
     """The rule that makes a label, the only place that sees primitive rewards: `feedback(rewards [R,K,T]) -> [R,K]`.
 
     Attributes:
-        window: T, most steps of a window. objective: what it asks for, so that a judge knows what to judge.
+        window: T, most steps of a window.
+        objective: what it asks for, so that a judge knows what to judge; every feedback says it.
+        kind: of its labels: real numbers, or bits, of which 1 says success.
         reads: a fact of the environment that it is shown instead of the reward, where the environment tells it.
         whole: whether it needs windows of T steps; environments whose episodes may end before are refused.
     """
 
     window: int
-    objective: ClassVar[Objective | str] = "sum"
+    objective: ClassVar[Objective | str]
+    kind: ClassVar[LabelKind] = "real"
     reads: ClassVar[str | None] = None
     whole: ClassVar[bool] = False
 

@@ -35,7 +35,10 @@ class Stateful:
         Raises:
             TypeError: an attribute is of another kind; name those that matter in `keeps`, or override both methods.
         """
-        return {name: pack(getattr(self, name), f"{type(self).__name__}.{name}") for name in self._names()}
+        filled = self.filled()
+        values = {name: getattr(self, name) for name in self._names()}
+        kept = {name: value[:, : filled[name]] if name in filled else value for name, value in values.items()}
+        return {name: pack(value, f"{type(self).__name__}.{name}") for name, value in kept.items()}
 
     def load_state_dict(self, state: Mapping[str, Packed]) -> None:
         """Go on from a state, after the same `start`.
@@ -48,6 +51,11 @@ class Stateful:
             raise ValueError(f"{type(self).__name__} has the state {sorted(expected)}, not {sorted(state)}")
         for name, packed in state.items():
             setattr(self, name, unpack(packed, getattr(self, name), f"{type(self).__name__}.{name}"))
+
+    def filled(self) -> Mapping[str, int]:
+        """How many columns of an attribute [R, columns, ...] are the state, where it has room for more; it loses that
+        when it is loaded."""
+        return {}
 
     def _names(self) -> tuple[str, ...]:
         if self.keeps is not None:

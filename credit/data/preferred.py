@@ -7,9 +7,24 @@ from typing import Literal
 from torch import Tensor
 
 from credit.core.errors import UserError
+from credit.core.problem import LabelKind
 
 Prefer = Literal["none", "success", "top"]
 TOP = 0.9  # quantile of a replica's labels from which on a window is among its best
+INSTEAD = "choose agent.prefer=top for the best tenth of all labels, or none"
+
+
+def require_bits(prefer: Prefer, labels: LabelKind | None) -> None:
+    """Refuse to prefer successes where labels are declared to be no bits.
+
+    Raises:
+        UserError: they are.
+    """
+    if prefer == "success" and labels == "real":
+        raise UserError(
+            f"agent.prefer=success: this feedback's labels are real numbers, and a success is a bit; {INSTEAD} (a "
+            "feedback of your own whose labels are 0 and 1 says kind = 'bits')"
+        )
 
 
 def preferred(labels: Tensor, prefer: Prefer) -> Tensor:
@@ -24,6 +39,6 @@ def preferred(labels: Tensor, prefer: Prefer) -> Tensor:
     if len(strange):
         raise UserError(
             f"agent.prefer=success: a label says 1 for success and 0 for none, and here is one of "
-            f"{float(strange[0]):.6g}; choose agent.prefer=top for the best tenth of all labels, or none"
+            f"{float(strange[0]):.6g}; {INSTEAD}"
         )
     return labels > 0

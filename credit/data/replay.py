@@ -15,7 +15,7 @@ from credit.core.state import Stateful
 from credit.core.store import Store, put
 from credit.core.tensors import grown
 from credit.core.windows import Windows
-from credit.data.preferred import Prefer, preferred
+from credit.data.preferred import Prefer, preferred, require_bits
 from credit.data.returns import discounted_sums, episode_ends
 
 
@@ -55,6 +55,9 @@ class Replay(Stateful):
         capacity: windows that are remembered, the newest; None for all.
         outcome: whether batches say how the episode goes on. kind: of numbers. purpose: of the random numbers.
 
+    Raises:
+        UserError: successes are preferred, and the problem's labels are no bits.
+
     Example:
         >>> replay = Replay(problem, n_step=3)
         >>> replay.relabel(store.windows, assigner.rewards(store.windows))
@@ -73,6 +76,8 @@ class Replay(Stateful):
         kind: torch.dtype = torch.float32,
         purpose: str = "replay",
     ) -> None:
+        if share:
+            require_bits(prefer, problem.labels)
         self._problem, self.n_step, self.discount = problem, n_step, discount
         self.prefer, self.share, self.capacity = prefer, share, capacity
         self._kinds = {"reward": kind, "returns": kind, "discount": kind, "last": torch.int32}

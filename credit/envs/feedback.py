@@ -21,6 +21,8 @@ class BlockSum(Feedback):
         noise: standard deviation of the label's noise, in units of reward.
     """
 
+    objective: ClassVar = "sum"
+
     def __init__(self, window: PositiveInt = 7, noise: NonNegative = 0.2) -> None:
         self.window = window
         self.noise = noise
@@ -67,6 +69,7 @@ class Success(Feedback):
 
     setting: ClassVar = "episodic"
     objective: ClassVar = "success"
+    kind: ClassVar = "bits"
     reads: ClassVar = "success"
 
     def __init__(self, window: PositiveInt = 300) -> None:

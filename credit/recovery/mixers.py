@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import ClassVar
 
 import numpy as np
@@ -40,36 +39,30 @@ def relative_mse_weights(mse: Tensor, alpha: float, epsilon: float = 1e-12) -> T
         if alpha < 0:
             raise ValueError(f"alpha={alpha}: must be at least 0")
         return best_weights(mse)
-    if mse.numel() and math.isinf(float(mse.amax())):
-        return _with_infinite(mse, alpha, epsilon)
-    return _softmax(mse, median(mse), alpha, epsilon)
-
-
-def _softmax(mse: Tensor, scale: Tensor, alpha: float, epsilon: float) -> Tensor:
-    excess = mse - mse.amin(-2, keepdim=True)
-    tiny = torch.finfo(mse.dtype).tiny  # else α, or α·scale, may vanish
-    alpha = max(alpha, tiny)
-    floor = max(epsilon, tiny / alpha)
-    return torch.softmax(-excess / (scale.clamp(min=floor).unsqueeze(-2) * alpha), dim=-2)
-
-
-def _with_infinite(mse: Tensor, alpha: float, epsilon: float) -> Tensor:
-    """Weights among the finite proxies; all equal where there are none."""
-    infinite = mse.isinf()
-    none = infinite.all(-2, keepdim=True)
-    known = mse.masked_fill(infinite, torch.nan)
-    middle = (known.nanmedian(-2).values - (-known).nanmedian(-2).values) / 2  # lower and upper, the mean of both
-    worst = mse.masked_fill(infinite & ~none, torch.finfo(mse.dtype).max).masked_fill(none, 0.0)
-    weights = _softmax(worst, middle.nan_to_num(0.0), alpha, epsilon).masked_fill(infinite & ~none, 0.0)
-    return weights / weights.sum(-2, keepdim=True)
+    limits = torch.finfo(mse.dtype)
+    mse = mse.clamp(max=limits.max)  # where all are infinite, none is worse than another
+    ordered = mse.sort(dim=-2).values
+    alpha = max(alpha, limits.tiny)  # else α, or α·scale, may vanish
+    scale = _median(ordered).clamp(min=max(epsilon, limits.tiny / alpha))
+    return torch.softmax((ordered[..., :1, :] - mse).div_(scale.mul_(alpha).unsqueeze(-2)), dim=-2)
 
 
 def median(values: Tensor) -> Tensor:
-    """The median over M of [..., M, N], the mean of the middle two when M is even; [..., N]."""
+    """The median over M of those of [..., M, N] that are finite, the mean of the middle two; inf where none is."""
     agree(values=(values, "M N"))
-    ordered = values.sort(dim=-2).values
-    count = values.shape[-2]
-    return (ordered[..., (count - 1) // 2, :] + ordered[..., count // 2, :]) / 2
+    return _median(values.sort(dim=-2).values)
+
+
+def _median(ordered: Tensor) -> Tensor:
+    """The same of values that rise along M; the largest number is no finite one."""
+    finite = ordered < torch.finfo(ordered.dtype).max
+    found = ordered[..., 0, :]
+    for last in range(1, ordered.shape[-2]):  # as many as there are models: quicker than to ask how many are finite
+        middle = ordered[..., last // 2, :]
+        if last % 2:
+            middle = (middle + ordered[..., last // 2 + 1, :]).div_(2)
+        found = torch.where(finite[..., last, :], middle, found)
+    return found
 
 
 def best_model(mse: Tensor) -> Tensor:

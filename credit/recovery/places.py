@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar
 
 import torch
@@ -114,15 +114,19 @@ class RowLook(Look):
 
     def __init__(self, features: Callable[[Steps], Tensor]) -> None:
         self._features = features
-        self._column = torch.zeros(0)
+        self._column = torch.zeros(0, 0)
         self._rows = 0
         self._new = self._column
+
+    def filled(self) -> Mapping[str, int]:
+        """As many columns as rows."""
+        return {"_column": self._rows}
 
     def extend(self, new: Windows, starts: Sequence[int], counts: Sequence[int]) -> None:
         """Append φ of windows."""
         self._new = self._features(new)
         self._rows = max(map(sum, zip(starts, counts, strict=True)))
-        if self._column.dim() == 1:
+        if not self._column.numel():
             self._column = self._new.new_zeros(len(self._new), self._rows, *self._new.shape[2:])
         elif self._rows > self._column.shape[1]:
             self._column = grown(self._column, self._rows)

@@ -18,6 +18,7 @@ from credit.core.seams import Bonus, CreditAssigner, Mixer, RewardModel, Scaler
 from credit.core.steps import Steps
 from credit.core.store import Store
 from credit.core.windows import Windows
+from credit.recovery.finite import require_finite
 from credit.recovery.mixers import best_model, mix
 from credit.recovery.places import Rows, Table
 from credit.recovery.proxies import gap, mse_proxies
@@ -54,7 +55,8 @@ class Recovery(CreditAssigner):
         bonus: Mapping[str, Bonus],
         scaler: Scaler | None = None,
     ) -> None:
-        self.models = [reference, *surrogates.values()]
+        self.reference, self.surrogates = reference, dict(surrogates)
+        self.models = [reference, *self.surrogates.values()]
         self.mixer = mixer
         self.bonus = dict(bonus)
         self.scaler = scaler
@@ -71,7 +73,7 @@ class Recovery(CreditAssigner):
         self._check_uncertainties()
         self._places = Table(problem, self._cells(problem)) if problem.tabular else Rows(problem)
         self._kind = FLOAT if problem.tabular else torch.float32  # single steps are many
-        self._device = problem.device
+        self._seeds, self._device = problem.seeds, problem.device
         count = len(self.models)
         self._errors = problem.zeros(count, count) if self.mixer.sees_label_errors else None
         for bonus in self.bonus.values():
@@ -120,7 +122,11 @@ class Recovery(CreditAssigner):
         return True
 
     def observe(self, store: Store) -> None:
-        """Fit every model to the newest labels, and recover the reward of every place anew."""
+        """Fit every model to the newest labels, and recover the reward of every place anew.
+
+        Raises:
+            RunError: a reward is not finite; it names the part that is to blame.
+        """
         self._places.extend(store)
         for model in self.models:
             model.observe(store)
@@ -128,6 +134,7 @@ class Recovery(CreditAssigner):
         self._rewards, self._mixed_rewards = self._belief.plan, self._belief.mixed
         if self.scaler is not None:
             self._rewards, self._mixed_rewards = self._scaled(self._belief, self.scaler)
+        require_finite(self._rewards, self._belief, self._seeds)
 
     def belief(self) -> Belief | None:
         """What is believed since the last windows."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,15 +29,18 @@ class Report:
         folder: where the files are.
         files: every file that was written.
         comparisons: the numbers of each setting.
-        logged: what became of logging to MLflow, in one line; empty where it was not asked for.
         remark: why videos of a maze were not made, in one line; empty where they were, or were not asked for.
     """
 
     folder: Path
     files: tuple[Path, ...]
     comparisons: tuple[Comparison, ...]
-    logged: str
     remark: str = ""
+
+    @property
+    def metrics(self) -> dict[str, float]:
+        """Its numbers by name."""
+        return metrics_of(self.comparisons)
 
 
 def compare(
@@ -56,7 +58,6 @@ def compare(
     reference: str = "reference",
     diagnostics_seed: int | None = None,
     videos: bool = True,
-    log: bool = True,
 ) -> Report:
     """Compare finished runs: write tables and figures to `<output>/reports/<experiment>`.
 
@@ -75,7 +76,6 @@ def compare(
         diagnostics_seed: draw the maps of this seed; by default the mean over seeds. In a maze its trajectories and
             videos too; by default those of the seed of median success.
         videos: film the final policies in a maze, where a video is missing or older than its run.
-        log: also log everything to the store that the newest training session used.
 
     Returns:
         The report.
@@ -102,8 +102,7 @@ def compare(
         films, remark = make_videos(comparisons, folder, diagnostics_seed) if videos else ([], "")
     except OSError as error:
         raise UserError(f"Cannot write the report to {folder}: {error.strerror}.") from error
-    logged = _log(output, experiment, folder, metrics_of(comparisons)) if log else ""
-    return Report(folder, (*files, *films), comparisons, logged, remark)
+    return Report(folder, (*files, *films), comparisons, remark)
 
 
 def _figures(comparisons: Sequence[Comparison], diagnostics_seed: int | None) -> dict[str, Figure | None]:
@@ -140,31 +139,3 @@ def _write(folder: Path, texts: Mapping[str, str], figures: Mapping[str, Figure 
         for name, figure in {**figures, **dict.fromkeys(sorted(old - figures.keys()))}.items():
             files += style.save(figure, folder, name)
     return files
-
-
-def _log(output: Path, experiment: str, folder: Path, metrics: Mapping[str, float]) -> str:
-    tracking = _newest_tracking(output, experiment)
-    if tracking is None:
-        return "Not logged to MLflow: the newest training session was not tracked."
-    try:
-        from credit.tracking.report_run import log_report
-
-        log_report(output, tracking["uri"], experiment, folder, metrics)
-    except Exception as error:  # a store that is down must not cost the user the report
-        reason = (str(error).splitlines() or [""])[0]
-        return f"Not logged to MLflow: {type(error).__name__}: {reason}"
-    return "Logged to MLflow as run `compare`; look at it with `credit dashboard`."
-
-
-def _newest_tracking(output: Path, experiment: str) -> dict[str, Any] | None:
-    """How the newest session of the experiment was tracked, or None."""
-    own: list[tuple[float, Any]] = []
-    for path in output.glob("sessions/*/session.json"):
-        try:
-            session = json.loads(path.read_text(encoding="utf-8"))
-            if session["experiment"] == experiment:
-                own.append((float(session["started"]), session["tracking"]))
-        except (OSError, ValueError, KeyError, TypeError):  # a damaged one must not cost the user the report
-            continue
-    tracking = max(own, key=lambda session: session[0], default=(0.0, None))[1]
-    return tracking if tracking and "uri" in tracking else None

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from credit.tracking.palette import COLOURS
+from credit.runs.palette import COLOURS
 
 # For methods from elsewhere; those that ship have their colours in the palette.
 SPARE = ("#117733", "#aa4499", "#661100", "#44aa99", "#6699cc", "#806000")

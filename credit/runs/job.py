@@ -11,10 +11,10 @@ from typing import Any, Literal
 import torch
 import yaml
 
-from credit.config import schema
+from credit.config import fitting, schema
 from credit.config.identity import identity
 from credit.config.kinds import CIRCUMSTANCES, KINDS
-from credit.core.errors import UserError
+from credit.core.errors import Misfit, UserError
 from credit.core.ranges import NonNegative, NonNegativeInt, PositiveInt
 from credit.renamed import translated
 from credit.runs import rehearsal
@@ -71,20 +71,7 @@ class Job:
 
 def check(config: Mapping[str, Any]) -> schema.Check:
     """Every problem of a composed configuration: keys, types, ranges, fit, device, folder, tracking URI."""
-    slots = {slot: kind.load() for kind in KINDS.values() for slot in kind.slots}
-    trainer = schema.resolve("trainer", config["trainer"]) if schema.is_component(config.get("trainer")) else None
-    if trainer is None:
-        found = schema.Check({}, {}, Job, ())
-        found.problems = ["trainer: the node is missing or has no _target_"]
-        return found
-    if config.get("written_for") not in (None, config.get("experiment")):
-        found = schema.Check({}, {}, Job, ())
-        found.problems = [
-            f"method={config.get('method')} is written for experiment={config['written_for']} only, and the experiment "
-            f"is {config.get('experiment')}; choose another method (see `credit list`), or that experiment"
-        ]
-        return found
-    found = schema.Check(config, {**slots, "trainer": trainer}, Job, ("trainer", "tracking"))
+    found = schema_of(config)
     if not found.problems:
         found.problems += _device_problems(str(config["device"])) + _folder_problems(Path(config["output"]))
         found.problems += schema.build(config, "tracking").check(Path(config["output"]).resolve())
@@ -95,8 +82,27 @@ def check(config: Mapping[str, Any]) -> schema.Check:
             if not found.problems:
                 trainer.start((config["seed"],))
                 found.remark = trainer.env.remark()
+        except Misfit as error:
+            found.problems += fitting.said(error, trainer.problem, trainer.env.knowledge())
         except UserError as error:
             found.problems.append(str(error))
+    return found
+
+
+def schema_of(config: Mapping[str, Any]) -> schema.Check:
+    """What signatures say of a composed configuration: keys, types, ranges, and which slots it uses."""
+    found = schema.Check({}, {}, Job, ())
+    trainer = schema.resolve("trainer", config["trainer"]) if schema.is_component(config.get("trainer")) else None
+    if trainer is None:
+        found.problems = ["trainer: the node is missing or has no _target_"]
+    elif config.get("written_for") not in (None, config.get("experiment")):
+        found.problems = [
+            f"method={config.get('method')} is written for experiment={config['written_for']} only, and the experiment "
+            f"is {config.get('experiment')}; choose another method (see `credit list`), or that experiment"
+        ]
+    else:
+        slots = {slot: kind.load() for kind in KINDS.values() for slot in kind.slots}
+        found = schema.Check(config, {**slots, "trainer": trainer}, Job, ("trainer", "tracking"))
     return found
 
 

@@ -17,10 +17,11 @@ import numpy as np
 import torch
 
 from credit.config import schema
+from credit.config.fitting import key_of
 from credit.core import contracts
 from credit.core.capabilities import parts_of
 from credit.core.component import Component
-from credit.core.errors import RunError, UserError
+from credit.core.errors import Misfit, RunError, UserError
 from credit.core.policy import Policy
 from credit.runs import checkpoint
 from credit.runs.artifacts import Recorder
@@ -53,6 +54,8 @@ def problems(config: Mapping[str, Any]) -> list[str]:
         return []
     try:
         found = _tried(config, first)
+    except Misfit:
+        return []  # the start of the whole run says so, too, and with what would fit
     except (UserError, RunError) as error:
         return [str(error)]
     except Exception as error:  # whatever somebody's part may raise
@@ -69,7 +72,7 @@ def _tried(config: Mapping[str, Any], first: Trainer) -> list[str]:
     problem = first.env.problem(first.feedback.window, seeds, "cpu")
     for path, part in _parts(first):
         if _foreign(part):
-            contracts.watch(part, problem, path)
+            contracts.watch(part, problem, key_of(path))
     for trainer in (first, second):
         trainer.start(seeds)
 
@@ -88,8 +91,12 @@ def _tried(config: Mapping[str, Any], first: Trainer) -> list[str]:
     if _same(whole, _played(second)):
         return []
     pairs = zip(_parts(first), _parts(second), strict=True)
-    other = [path for (path, one), (_, two) in pairs if _foreign(one) and not _same(one.state_dict(), two.state_dict())]
-    suspects = other or [path for path, part in _parts(second) if _foreign(part)]
+    other = [
+        key_of(path)
+        for (path, one), (_, two) in pairs
+        if _foreign(one) and not _same(one.state_dict(), two.state_dict())
+    ]
+    suspects = other or [key_of(path) for path, part in _parts(second) if _foreign(part)]
     return [f"{', '.join(suspects)}: {CANNOT_GO_ON}: after it was saved and loaded it came to other numbers; {STATE}"]
 
 
@@ -133,7 +140,7 @@ def _through_a_file(state: Mapping[str, Any]) -> dict[str, Any]:
 
 def _blamed(error: Exception, trainer: Trainer) -> str:
     """What a part raised, and which: the innermost of somebody's own that was at work."""
-    paths = {type(part).__name__: path for path, part in _parts(trainer) if _foreign(part)}
+    paths = {type(part).__name__: key_of(path) for path, part in _parts(trainer) if _foreign(part)}
     what = f"{type(error).__name__}: {error}"
     for frame, line in reversed(list(traceback.walk_tb(error.__traceback__))):
         part = frame.f_locals.get("self")

@@ -6,13 +6,14 @@ import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from credit.config import registry, schema, slugs
-from credit.runs import folders
+from credit.runs import effects, folders
 from credit.runs import job as jobs
 from credit.runs.session import JobRecord, Session
 from credit.runs.threads import limited
@@ -47,17 +48,21 @@ def compose(
     *,
     config_dirs: Sequence[str] = (),
     say: Callable[[str], None] = lambda remark: None,
+    idle: Callable[[dict[str, str]], None] | None = None,
 ) -> dict[str, Any]:
     """The resolved and checked configuration of one job, without what it does not use; it knows its folder.
 
     Args:
         overrides: as on the command line. config_dirs: further folders of YAML files.
         say: called with what is right, but a user should know.
+        idle: called with words that have no effect, and the slots that they are for; None refuses them.
 
     Raises:
         UserError: with every problem found.
     """
     config = jobs.checked(registry.compose(overrides, config_dirs), say)
+    if words := effects.idle(overrides, config):
+        (idle or partial(effects.refuse, overrides=overrides, config_dirs=config_dirs))(words)
     named = config | {"slug": slugs.slug(config, overrides, config_dirs)}
     return named | {"slug": folders.named(named)}
 

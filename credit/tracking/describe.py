@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from credit.tracking.palette import COLOURS, tint
+from credit.runs.palette import COLOURS, tint
 
 MAX_PARAM, MAX_PARAM_KEY, MAX_TAG = 6000, 250, 8000
 COLOUR = "mlflow.runColor"

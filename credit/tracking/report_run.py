@@ -2,15 +2,37 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import time
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from credit.tracking.store import open_experiment, quiet_environment, resolve_uri
 
 MAX_METRICS = 1000
+
+
+def log_beside_runs(output: Path, experiment: str, folder: Path, metrics: Mapping[str, float]) -> str:
+    """Log a report to the store that the newest training session of its experiment used.
+
+    Args:
+        output, experiment, folder, metrics: as in `log_report`.
+
+    Returns:
+        What became of it, in one line.
+    """
+    tracking = _newest_tracking(output, experiment)
+    if tracking is None:
+        return "Not logged to MLflow: the newest training session was not tracked."
+    try:
+        log_report(output, tracking["uri"], experiment, folder, metrics)
+    except Exception as error:  # a store that is down must not cost the user the report
+        reason = (str(error).splitlines() or [""])[0]
+        return f"Not logged to MLflow: {type(error).__name__}: {reason}"
+    return "Logged to MLflow as run `compare`; look at it with `credit dashboard`."
 
 
 def log_report(output: Path, uri: str | None, experiment: str, folder: Path, metrics: Mapping[str, float]) -> str:
@@ -45,3 +67,17 @@ def log_report(output: Path, uri: str | None, experiment: str, folder: Path, met
     client.log_artifacts(run, str(folder))
     client.set_terminated(run)
     return str(run)
+
+
+def _newest_tracking(output: Path, experiment: str) -> dict[str, Any] | None:
+    """How the newest session of the experiment was tracked, or None."""
+    own: list[tuple[float, Any]] = []
+    for path in output.glob("sessions/*/session.json"):
+        try:
+            session = json.loads(path.read_text(encoding="utf-8"))
+            if session["experiment"] == experiment:
+                own.append((float(session["started"]), session["tracking"]))
+        except (OSError, ValueError, KeyError, TypeError):  # a damaged one must not cost the user the report
+            continue
+    tracking = max(own, key=lambda session: session[0], default=(0.0, None))[1]
+    return tracking if tracking and "uri" in tracking else None

@@ -29,26 +29,38 @@ class Calm(BlockSum):
     pass
 
 
-class Failing(BlockSum):
+class Late(BlockSum):
+    # behaves in its first windows, as many as are tried before a run
+
+    def start(self, problem):
+        super().start(problem)
+        self._calls = 0
+
     def __call__(self, rewards):
+        self._calls += 1
+        if self._calls > 3:
+            self.misbehave()
+        return super().__call__(rewards)
+
+
+class Failing(Late):
+    def misbehave(self):
         raise ArithmeticError("no labels today")
 
 
-class Waiting(BlockSum):
-    def __call__(self, rewards):
+class Waiting(Late):
+    def misbehave(self):
         Path(f"begun-{os.getpid()}").touch()
         end = time.monotonic() + 1  # a round ends: that is where a run hears that it shall stop
         while Path("wait").exists() and time.monotonic() < end:
             time.sleep(0.02)
-        return super().__call__(rewards)
 
 
-class Killed(BlockSum):
-    def __call__(self, rewards):
+class Killed(Late):
+    def misbehave(self):
         if Path("kill").exists():
             Path("kill").unlink()
             os.kill(os.getpid(), 9)
-        return super().__call__(rewards)
 """
 
 

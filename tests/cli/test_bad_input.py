@@ -21,6 +21,24 @@ CASES = {
         (TRAIN, "method=reference", "mixer.alpha=.3"),
         ["mixer.alpha=.3", "ReferenceOnly"],
     ),
+    "key of a part that this method does not use": (
+        (TRAIN, "method=delayed", "mixer.alpha=.3"),
+        ["'mixer.alpha=.3' has no effect", "method=delayed uses no mixer", "adaptive_mse"],
+    ),
+    "part that this method does not use": (
+        (TRAIN, "method=delayed", "mixer=best", "+reward@surrogates.more=ridge"),
+        ["'mixer=best' has no effect", "'+reward@surrogates.more=ridge' has no effect", "uses no surrogates"],
+    ),
+    "part that no method uses here": (
+        (TRAIN, "experiment=pointmaze", "transition=counts"),
+        ["'transition=counts' has no effect", "no method does here"],
+    ),
+    "a word that has no effect in any job": (
+        (TRAIN, "-m", "method=delayed,random", "mixer.alpha=.1,.3"),
+        ["'mixer.alpha=0.1' has no effect", "'mixer.alpha=0.3' has no effect", "adaptive_mse"],
+    ),
+    "a role": ((TRAIN, "choose.planner=q_learning"), ["choose", "experiment's file", "agent=<option>"]),
+    "a default of an option": ((TRAIN, "+defaults_for.x=1"), ["defaults_for", "mixer.alpha=.3"]),
     "wrong type": ((TRAIN, "mixer.alpha=abc"), ["mixer.alpha='abc'", "number", "float > 0"]),
     "wrong type in a list": ((TRAIN, "env.interaction=[0,x]"), ["env.interaction", "'x'", "list of float"]),
     "float for an integer": ((TRAIN, "seed=1.5"), ["seed=1.5", "integer"]),
@@ -123,6 +141,10 @@ CASES = {
     "patients in advertising": (
         (TRAIN, "+reward@surrogates.clinical=clinical", "surrogates.clinical.name=clinical"),
         ["Clinical needs SepsisKnowledge", "Advertiser gives LineKnowledge", "another environment"],
+    ),
+    "successes among labels that are no bits": (
+        (TRAIN, "experiment=pointmaze", "feedback=block_sum", "feedback.window=300"),
+        ["agent.prefer=success", "real numbers", "agent.prefer=top"],
     ),
     "shorter than a window": ((TRAIN, "trainer.steps=3"), ["trainer.steps=3", "feedback.window=7"]),
     "output is a file": ((TRAIN, "output=/dev/null/x"), ["output='/dev/null/x'", "/dev/null"]),

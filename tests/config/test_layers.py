@@ -148,11 +148,13 @@ def test_a_nested_key_and_a_wish_for_every_option(write: Write, own: str) -> Non
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("defaults_for: {bonus/cuont.scale: 1}", r"=theirs.*bonus has no option 'cuont'.*did you mean 'count'"),
+        ("defaults_for: {bonus/cuont.scale: 1}", r"/theirs.yaml: .*bonus has no option 'cuont'.*did you mean 'count'"),
+        ("defaults_for: {scaler/stable.clop: 1}", r"file .*/theirs.yaml: .*scaler/stable has no key 'clop'"),
+        ("defaults_for: {scaler/*.clop: 1}", r"scaler/\* has no key 'clop'; did you mean 'clip'"),
         ("defaults_for: {bonsu/count.scale: 1}", r"'bonsu' is no group; did you mean 'bonus'"),
         ("defaults_for: {bonus.count.scale: 1}", r"is no key of an option; write GROUP/OPTION\.KEY"),
         ("defaults_for: [bonus/count.scale]", r"defaults_for=.*a mapping belongs here"),
-        ("defaults_for: {mixer/relative_mse.alhpa: 1}", r"mixer\.alhpa.*unknown key.*did you mean 'alpha'"),
+        ("defaults_for: {mixer/relative_mse.alhpa: 1}", r"mixer/relative_mse has no key .alhpa.; did you mean .alpha."),
         ("choose: sac", r"choose='sac': a mapping belongs here"),
         ("choose: {planner: value_itertion}", r"agent=value_itertion: no such option; did you mean"),
         ("x: [", r"theirs\.yaml: no YAML"),

@@ -70,7 +70,7 @@ def built(words: tuple[str, ...], slot: str) -> tuple[Any, Problem, Store]:
 
     problem, store, knowledge = experienced(words[0])
     part = schema.build(composed(*words), slot)
-    inform([inner for _, inner in parts_of(part)], knowledge)
+    inform(parts_of(part), knowledge)
     return part, problem, store
 
 

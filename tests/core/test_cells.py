@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import combinations, product
 
 import pytest
@@ -118,10 +117,8 @@ def test_too_many_cells_are_refused() -> None:
         Cells.over(("step", *PAIRS), 2, 1000, 1000)
 
 
-def test_a_problem_has_the_cells_of_its_axes() -> None:
-    problem = Problem.finite(STATES, ACTIONS, WINDOW, (0,))
-    assert problem.cells == over(PAIRS)
-    assert replace(problem, axes=("next_state", "step")).cells == over(("step", "next_state"))
+def test_the_cells_of_a_problem_are_its_pairs() -> None:
+    assert Problem.finite(STATES, ACTIONS, WINDOW, (0,)).cells == over(PAIRS)
 
 
 def test_steps_that_do_not_know_their_place_have_cells_without_it() -> None:

@@ -58,14 +58,14 @@ class Silent(Component):
 
 def test_knowledge_goes_to_those_that_ask() -> None:
     asks = Asks()
-    inform([Silent(), asks], Secret("open"))
+    inform([("a", Silent()), ("b", asks)], Secret("open"))
     assert asks.word == "open"
 
 
 @pytest.mark.parametrize(("knowledge", "given"), [(None, "nothing"), (7, "int")])
 def test_others_are_refused_by_name(knowledge: Any, given: str) -> None:
     with pytest.raises(UserError, match=f"Asks needs Secret, and FrozenLake gives {given}: .* another component"):
-        inform([Silent(), Asks()], knowledge, "FrozenLake")
+        inform([("a", Silent()), ("b.c", Asks())], knowledge, "FrozenLake")
 
 
 @pytest.mark.parametrize("kind", EVERY, ids=lambda kind: kind.__name__)
@@ -73,10 +73,10 @@ def test_others_are_refused_by_name(knowledge: Any, given: str) -> None:
 def test_what_knows_one_environment_refuses_others(kind: Callable[[], Component], name: str) -> None:
     knowledge, part = ENVIRONMENTS[name].knowledge(), kind()
     if kind in KNOW[name]:
-        inform([part], knowledge, name)
+        inform([("part", part)], knowledge, name)
         return
     with pytest.raises(UserError, match=f"{type(part).__name__} needs .*, and {name} gives {type(knowledge).__name__}"):
-        inform([part], knowledge, name)
+        inform([("part", part)], knowledge, name)
 
 
 @pytest.mark.parametrize("name", ENVIRONMENTS)
@@ -111,7 +111,7 @@ def test_exact_transitions_are_the_environments(env: Any) -> None:
     problem: Problem = env.problem(5, (0, 1), "cpu")
     with pytest.raises(UserError, match="call learn"):
         exact.start(problem)
-    inform([exact, Counts()], env.knowledge())
+    inform([("exact", exact), ("counts", Counts())], env.knowledge())
     exact.start(problem)
     values = torch.randn(2, problem.states, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
     torch.testing.assert_close(exact.backup(values), env.mdp.backup(values))

@@ -87,6 +87,23 @@ def test_a_view_is_saved_without_what_it_is_a_view_of(tmp_path):
     assert (tmp_path / "x.pt").stat().st_size < 5000
 
 
+class Growing(Counter):
+    keeps: ClassVar = ("block", "used")
+
+    def __init__(self, room: int, used: int) -> None:
+        self.block, self.used = torch.arange(2.0 * room).view(2, room), used
+
+    def filled(self) -> dict[str, int]:
+        return {"block": self.used}
+
+
+def test_room_for_more_is_not_saved(through):
+    target = Growing(5, 0)
+    assert Growing(4, 3).state_dict()["block"].tolist() == [[0, 1, 2], [4, 5, 6]]
+    through(Growing(4, 3), target)
+    assert (target.block.tolist(), target.used) == ([[0, 1, 2], [4, 5, 6]], 3)
+
+
 def test_a_state_does_not_change_when_the_run_goes_on():
     box = Box(tensor=torch.zeros(2), array=np.zeros(2), generator=np.random.default_rng(0))
     state = box.state_dict()

@@ -8,6 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from credit.agents.random import Random
 from credit.core.errors import RunError, UserError
 from credit.core.problem import Problem
 from credit.core.seams import Feedback, Transitions
@@ -20,6 +21,8 @@ from credit.envs.sepsis.environment import Sepsis
 from credit.judges import judge
 from credit.judges.exact import AverageReward, Episodic
 from credit.judges.rollouts import Rollouts
+from credit.rivals.rules import Delayed
+from credit.trainer import Trainer
 
 from .collecting import Follow, begun
 from .outside import Shelves, pushes
@@ -27,6 +30,8 @@ from .outside import Shelves, pushes
 
 class Told(Feedback):
     """Keeps what it is shown."""
+
+    objective: ClassVar = "sum"
 
     def __init__(self, window: int) -> None:
         self.window = window
@@ -292,6 +297,44 @@ def test_an_objective_that_nobody_can_judge_is_refused(env: Any) -> None:
     collector, problem = begun(env, Median(5))
     with pytest.raises(UserError, match="asks for 'median'"):
         judge(env, Median(5), problem, collector.evaluation)
+
+
+class Unsaid(Feedback):
+    """Does not say what it asks for."""
+
+    def __init__(self, window: int) -> None:
+        self.window = window
+
+    def start(self, problem: Problem) -> None: ...
+
+    def __call__(self, rewards: Tensor) -> Tensor:
+        return rewards.amax(-1)
+
+
+class Older(Unsaid):
+    """Says it in an older version's words."""
+
+    additive = False
+
+
+class Wrong(Unsaid):
+    """Says something that is no name."""
+
+    objective: ClassVar = True
+
+
+@pytest.mark.parametrize(
+    ("feedback", "message"),
+    [
+        (Unsaid, "Unsaid does not say its objective.*'sum'.*'last'.*'success'"),
+        (Older, "additive = False.*declare objective = 'last'"),
+        (Wrong, "objective = True.*'sum'.*'last'.*'success'"),
+    ],
+)
+@pytest.mark.parametrize("env", [Advertiser(), Shelves()])
+def test_a_feedback_says_its_objective(env: Any, feedback: Any, message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        Trainer(env, feedback(5), Delayed(), Random(), 100).start((0,))
 
 
 def test_sizes_of_evaluations_are_the_environments() -> None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 import torch
+from torch import Tensor
 
 from credit.agents.finite_horizon import FiniteHorizon
 from credit.agents.q_learning import QLearning
@@ -36,10 +38,31 @@ def sac() -> SAC:
     return SAC(width=8, batch=8, updates=4, first_updates=4, success_share=0)
 
 
+class Rounded(BlockSum):
+    """Some of its labels look like bits."""
+
+    def __call__(self, rewards: Tensor) -> Tensor:
+        return super().__call__(rewards).sign()
+
+
+class Judged(BlockSum):
+    """A verdict on a sum."""
+
+    kind: ClassVar = "bits"
+
+    def __call__(self, rewards: Tensor) -> Tensor:
+        return (super().__call__(rewards) > 1).double()
+
+
+def started(env: Shelves, agent: Agent, feedback: Feedback) -> Trainer:
+    trainer = Trainer(env, feedback, Delayed(), agent, **ROUNDS)
+    trainer.start((3, 4))
+    return trainer
+
+
 def trained(env: Shelves, agent: Agent, feedback: Feedback | None = None) -> tuple[Trainer, Journal]:
     journal: Journal = []
-    trainer = Trainer(env, feedback or BlockSum(12, 0.1), Delayed(), agent, **ROUNDS)
-    trainer.start((3, 4))
+    trainer = started(env, agent, feedback or BlockSum(12, 0.1))
     trainer.run(lambda step, values: journal.append((step, values)))
     return trainer, journal
 
@@ -92,6 +115,16 @@ def test_random_numbers_are_judged_by_rollouts() -> None:
 def test_success_is_judged_where_it_is_the_label() -> None:
     _, journal = trained(Shelves("vector"), Random(), Success(12))
     assert {"eval/success", "eval/learned", "eval/lost"} <= journal[-1][1].keys()
+
+
+def test_successes_are_preferred_where_labels_are_declared_to_be_bits_alone() -> None:
+    keys: dict[str, Any] = {"width": 8, "batch": 8, "updates": 1, "first_updates": 1}
+    for feedback in (BlockSum(12), Rounded(12)):
+        with pytest.raises(UserError, match=r"agent\.prefer=success.*real numbers.*agent\.prefer=top"):
+            started(Shelves("vector"), SAC(**keys), feedback)
+    for feedback, prefer in ((Success(12), "success"), (Judged(12), "success"), (BlockSum(12), "top")):
+        started(Shelves("vector"), SAC(prefer=prefer, **keys), feedback)  # type: ignore[arg-type]
+    started(Shelves("vector"), SAC(success_share=0, **keys), BlockSum(12))  # nothing is preferred
 
 
 def test_agents_that_cannot_say_why() -> None:

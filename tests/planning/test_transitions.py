@@ -11,6 +11,7 @@ import pytest
 import torch
 
 from credit.core.problem import Problem
+from credit.core.seams import Transition
 from credit.core.windows import Windows
 from credit.envs.advertiser.shift import ShiftMixture
 from credit.envs.sepsis.factored import FactoredMixture
@@ -185,23 +186,37 @@ def padded(long: Windows, short: int) -> Windows:
     return replace(long, labels=torch.zeros(2, 2), length=None, last=last, count=count)
 
 
-@pytest.mark.parametrize("kind", [Counts, ObservedCounts, ShiftMixture])
-def test_rows_that_mean_nothing_are_not_counted(make_problem: Callable[..., Problem], kind: type) -> None:
-    problem, alone = make_problem((0, 1)), make_problem((1,))
-    rows = torch.randint(0, 3, (3, 2, 9), generator=torch.Generator().manual_seed(0))
+@pytest.mark.parametrize(
+    ("kind", "states", "actions"),
+    [(Counts, 10, 3), (ObservedCounts, 10, 3), (ShiftMixture, 10, 3), (FactoredMixture, 1296, 8)],
+)
+def test_rows_that_mean_nothing_are_not_counted(
+    make_problem: Callable[..., Problem], kind: type, states: int, actions: int
+) -> None:
+    generator = torch.Generator().manual_seed(0)
+    rows = [torch.randint(size, (2, 9), generator=generator) for size in (states, actions, states)]
     windows = padded(Windows(*rows, labels=torch.zeros(2, 2)), 4)
-    short = Windows(*rows[:, 1:, :4], labels=torch.zeros(1, 2), last=torch.tensor([[1, 3]]))
-    values = torch.rand(1, 10, dtype=torch.float64)
-    beside, single = kind(), kind()
-    beside.start(problem)
-    single.start(alone)
+    apart = [
+        Windows(*(x[:1] for x in rows), labels=torch.zeros(1, 2), last=torch.tensor([[2, 8]])),
+        Windows(*(x[1:, :4] for x in rows), labels=torch.zeros(1, 2), last=torch.tensor([[1, 3]])),
+    ]
+    values = torch.rand(1, states, dtype=torch.float64, generator=generator)
+    both = values.expand(2, -1)
+
+    def made(*seeds: int) -> Transition:
+        model: Transition = kind()
+        model.start(make_problem(seeds, states=states, actions=actions))
+        return model
+
+    beside, singles = made(0, 1), [made(0), made(1)]
     for _ in range(2):  # what padding left behind is overwritten by what is new
         beside.observe(windows)
-        single.observe(short)
-        torch.testing.assert_close(beside.backup(values.expand(2, -1))[1:], single.backup(values))
-    again = kind()
-    again.start(problem)
+        for single, own in zip(singles, apart, strict=True):
+            single.observe(own)
+        expected = torch.cat([single.backup(values) for single in singles])
+        torch.testing.assert_close(beside.backup(both), expected)
+    again = made(0, 1)
     again.load_state_dict(beside.state_dict())
     again.observe(windows)
     beside.observe(windows)
-    assert torch.equal(again.backup(values.expand(2, -1)), beside.backup(values.expand(2, -1)))
+    assert torch.equal(again.backup(both), beside.backup(both))

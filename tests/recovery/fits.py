@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
 
 import torch
 from torch import Tensor
 
-from credit.core.cells import Axis
+from credit.core.cells import Axis, Cells
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Places, RewardModel
 from credit.core.store import Store
@@ -36,16 +36,23 @@ class Given(FitUncertainty):
         return spread(draws)
 
 
+def cells_of(problem: Problem, models: Iterable[RewardModel], axes: Collection[Axis] = ()) -> Cells:
+    """The cells that models look at together, and some other axes."""
+    seen = {*axes, *(axis for model in models for axis in model.looks_at)}
+    return Cells.over(seen, problem.window, problem.states, problem.actions)
+
+
 class Experience:
     """Models that were started together, and the windows that they have seen.
 
     Args:
-        problem: whose table has the cells that all models look at. models: with the uncertainty `Given`, or another.
+        problem: sizes. models: with the uncertainty `Given`, or another.
+        axes: of the table, where that is over more than these models look at.
     """
 
-    def __init__(self, problem: Problem, *models: RewardModel) -> None:
+    def __init__(self, problem: Problem, *models: RewardModel, axes: Collection[Axis] = ()) -> None:
         self.problem, self.models = problem, models
-        self.places: Places = Table(problem, problem.cells) if problem.tabular else Rows(problem)
+        self.places: Places = Table(problem, cells_of(problem, models, axes)) if problem.tabular else Rows(problem)
         for model in models:
             model.start(problem, self.places)
         self.store = Store(problem)
@@ -105,8 +112,3 @@ def poisson(windows: Windows, draws: int, seed: int = 1) -> Tensor:
     weights = torch.poisson(ones, generator=torch.Generator().manual_seed(seed))
     weights[..., 0] = 1
     return weights
-
-
-def over(problem: Problem, axes: tuple[Axis, ...]) -> Problem:
-    """The same problem, whose table looks at other axes."""
-    return replace(problem, axes=axes)

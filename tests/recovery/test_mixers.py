@@ -68,6 +68,21 @@ def test_median_of_odd_and_even_numbers() -> None:
     assert median(tensor([[4.0], [1.0], [3.0], [2.0]])).tolist() == [2.5]
 
 
+@given(Proxies, st.randoms(use_true_random=False))
+def test_a_median_is_of_what_is_finite(values: np.ndarray, random: Any) -> None:
+    for column in values.T:
+        column[[random.random() < 0.4 for _ in column]] = np.inf
+    finite = [column[np.isfinite(column)] for column in values.T]
+    expected = [np.median(own) if len(own) else np.inf for own in finite]
+    assert median(torch.from_numpy(values)).tolist() == expected
+
+
+def test_weights_do_not_look_at_values_to_decide_what_to_do() -> None:
+    nowhere = torch.empty(2, 3, 5, device="meta")  # tensors without values: who asks for one has to wait for a GPU
+    for alpha in (0.0, 0.5):
+        assert relative_mse_weights(nowhere, alpha).shape == (2, 3, 5)
+
+
 @given(Proxies)
 def test_weights_are_a_distribution_that_falls_with_the_proxy(mse: np.ndarray) -> None:
     weights = relative_mse_weights(torch.from_numpy(mse), 0.5).numpy()

@@ -12,7 +12,7 @@ import torch
 
 from credit.bench import naive
 from credit.core.belief import Belief, Estimate
-from credit.core.errors import UserError
+from credit.core.errors import RunError, UserError
 from credit.core.problem import Problem
 from credit.core.seams import Mixer, Places
 from credit.core.steps import Steps
@@ -373,3 +373,20 @@ def test_proxies_agree_with_the_second_implementation(
         if index:
             ratio = found.disagreement[0, index - 1].view(10, 3).numpy() / gaps[name]
             assert abs(np.median(ratio) - 1) < 0.13, (name, np.median(ratio))
+
+
+class Poles(Bilinear):
+    """Is not finite in state 3."""
+
+    def __call__(self, steps: Steps) -> torch.Tensor:
+        return super().__call__(steps) / (steps.states != 3).unsqueeze(-1)
+
+
+def test_a_table_with_features_that_are_not_finite_is_refused(make_problem: Make, make_windows: MakeWindows) -> None:
+    problem, shared = make_problem((5, 6)), Bootstrap(3)
+    models = {"mine": LinearModel("mine", Poles(), shared)}
+    recovery = Recovery(LinearModel("ridge", Identity(), shared), models, RelativeMSE(), {})
+    with pytest.raises(
+        RunError, match=r"reward model 'mine' is nan at cell \d+ of \(state, action\) of seed 5.* features"
+    ):
+        observed(recovery, problem, make_windows(problem, 9))

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from statistics import median
+from typing import Any
 
 import pytest
 import torch
 from torch import Tensor
 
 from credit.core.belief import Belief, Estimate
-from credit.core.errors import UserError
+from credit.core.errors import RunError, UserError
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Bonus, FeatureMap, Look, Mixer, Places, RewardModel, Scaler
 from credit.core.steps import Steps
@@ -23,6 +25,7 @@ from credit.recovery.mixers import ReferenceOnly, RelativeMSE, Stacking
 from credit.recovery.mixers import Uniform as EqualWeights
 from credit.recovery.models.linear import LinearModel
 from credit.recovery.models.neural import NeuralModel
+from credit.recovery.models.primitive import PrimitiveReward
 from credit.recovery.recovery import Recovery
 from credit.recovery.scaler import Standard
 from credit.recovery.uncertainty.bootstrap import Analytic, Bootstrap
@@ -30,8 +33,19 @@ from credit.recovery.uncertainty.networks import LastLayer
 
 from .fits import first
 
+LENGTHS = [[[5, 3, 4], [2, 4, 6]], [[1, 2, 3], [2, 2, 3]], [[6, 1], [2, 4]]]
 MakeProblem = Callable[..., Problem]
 Make = Callable[..., Windows]
+
+
+def blocks(packed: Any, where: str = "") -> Iterator[tuple[str, Tensor]]:
+    """Every tensor of a state, and where it is."""
+    if isinstance(packed, Tensor):
+        yield where, packed
+    elif isinstance(packed, (Mapping, list)):
+        pairs = packed.items() if isinstance(packed, Mapping) else enumerate(packed)
+        for key, inner in pairs:
+            yield from blocks(inner, f"{where}.{key}")
 
 
 class Looks(FeatureMap):
@@ -384,3 +398,100 @@ def test_stacking_of_steps_holds_labels_out(make_continuous: MakeProblem, make_t
         torch.testing.assert_close(belief.weights[replica, :, 0].double(), expected, rtol=1e-4, atol=1e-5)
     assert out.any()
     assert not out.all()
+
+
+def test_a_state_has_no_room_for_more_and_goes_on_to_the_bit(
+    make_continuous: MakeProblem, make_trajectories: Make
+) -> None:
+    problem = make_continuous((0, 1))
+    rounds = [make_trajectories(own, [[1.0] * len(own[0])] * 2, first=10 * i) for i, own in enumerate(LENGTHS)]
+
+    def made() -> Recovery:
+        bootstrap = Bootstrap(3)
+        linear = LinearModel("linear", Looks(), bootstrap)
+        found = Recovery(PrimitiveReward(uncertainty=bootstrap), {"linear": linear}, RelativeMSE(), {})
+        found.start(problem)
+        return found
+
+    def see(recovery: Recovery, store: Store, which: slice) -> Recovery:
+        for windows in rounds[which]:
+            store.append(replace(windows, primitive=windows.states[..., 0].double()))
+            recovery.observe(store)
+        return recovery
+
+    store, again = Store(problem), Store(problem)
+    state = see(made(), store, slice(2)).state_dict()
+    rows = len(store.windows)
+    wide = {where: part.shape[1] for where, part in blocks(state) if part.dim() > 1 and part.shape[1] > 4}
+    assert sorted(wide.values()) == [len(store)] + [rows] * 3  # what was left out; φ, and the oracle's two sums
+    whole, resumed = see(made(), again, slice(3)), made()
+    resumed.load_state_dict(state)
+    see(resumed, store, slice(2, 3))
+    for name in ("mean", "mse", "weights", "mixed"):
+        assert torch.equal(getattr(resumed.belief(), name), getattr(whole.belief(), name)), name
+
+
+class Spoiled(Fixed):
+    """Is not finite in one row of one seed, and where a replica has no rows."""
+
+    def __init__(self, name: str, part: str) -> None:
+        super().__init__(name)
+        self._part = part
+
+    def estimate(self, at: Tensor | None = None) -> Estimate:
+        found = super().estimate(at)
+        values = getattr(found, self._part).clone()
+        values[0, 24:] = torch.nan  # seed 0 has 24 rows in the end, seed 1 has 28
+        if values.shape[1] > 24 and self.name == "far":
+            values[1, 26] = torch.nan
+        return replace(found, **{self._part: values})
+
+
+class Broken(LocalMSE):
+    def __call__(self, belief: Belief, reference: RewardModel, steps: Steps | None = None) -> Tensor:
+        return super().__call__(belief, reference, steps) / 0.0
+
+
+class Overflowing(Centred):
+    def __call__(self, rewards: Tensor) -> tuple[Tensor, Tensor]:
+        return rewards * torch.inf, torch.ones(())
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"part": "mean"}, r"the prediction of reward model 'far' is nan at row 26 of seed 1"),
+        ({"part": "variance"}, r"the MSE proxy of reward model 'far' is nan at row 26 of seed 1"),
+        (
+            {"bonus": {"mse": LocalMSE(0.5, None), "mine": Broken(0.5, None)}},
+            r"the bonus 'mine' is inf at row 0 of seed 0",
+        ),
+        ({"scaler": Overflowing()}, r"what the scaler makes of .* is -?inf at row 0 of seed 0"),
+    ],
+    ids=["mean", "variance", "bonus", "scaler"],
+)
+def test_a_reward_that_is_not_finite_names_its_part(
+    make_continuous: MakeProblem, make_trajectories: Make, changed: dict[str, Any], message: str
+) -> None:
+    part = changed.pop("part", None)
+    surrogates = [Spoiled("far", part)] if part else []
+    assigner = recovery_of([Fixed("reference"), *surrogates], RelativeMSE(), **changed)
+    with pytest.raises(RunError, match=message):
+        seen(make_continuous, make_trajectories, assigner)
+
+
+def test_what_is_behind_the_rows_of_a_replica_need_not_be_finite(
+    make_continuous: MakeProblem, make_trajectories: Make
+) -> None:
+    assigner = recovery_of([Fixed("reference"), Spoiled("near", "mean")], RelativeMSE())
+    store = seen(make_continuous, make_trajectories, assigner)
+    rewards, valid = assigner.rewards(store.windows), store.windows.valid
+    assert valid is not None
+    assert rewards[valid].isfinite().all()
+    assert rewards[~valid].isnan().all()
+
+
+def test_a_proxy_may_be_infinite(make_continuous: MakeProblem, make_trajectories: Make) -> None:
+    assigner = recovery_of([Fixed("reference"), Fixed("far", spread=float("inf"))], RelativeMSE())
+    seen(make_continuous, make_trajectories, assigner)
+    assert believed(assigner).mse[:, 1].isinf().any()

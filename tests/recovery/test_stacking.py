@@ -21,7 +21,7 @@ from credit.recovery.mixers import Stacking, stacked_weights
 from credit.recovery.models.linear import LinearModel
 from credit.recovery.uncertainty.bootstrap import Analytic, Bootstrap
 
-from .fits import Experience
+from .fits import Experience, cells_of
 
 Make = Callable[..., Problem]
 MakeWindows = Callable[..., Windows]
@@ -149,7 +149,7 @@ ARRIVALS: tuple[Axis, ...] = ("step", "next_state")
 def test_errors_out_of_bag_against_loops(
     make_problem: Make, make_windows: MakeWindows, resample: Any, axes: tuple[Axis, ...]
 ) -> None:
-    problem = replace(make_problem((5, 6)), episodic=True, axes=axes)
+    problem = replace(make_problem((5, 6)), episodic=True)
     bootstrap, draws = Bootstrap(3, resample=resample), 3
     if axes == ARRIVALS:
         models = [
@@ -167,7 +167,7 @@ def test_errors_out_of_bag_against_loops(
         experience.see(make_windows(problem, count, seed=count))
         shown.append(bootstrap.weights(experience.store).values)
     estimates, windows = [model.estimate() for model in models], experience.store.windows
-    found = bootstrap.label_errors(estimates, experience.store, problem.cells.index(windows))
+    found = bootstrap.label_errors(estimates, experience.store, cells_of(problem, models).index(windows))
     assert found.shape == (2, len(models), len(models))
     weights = shown[-1] if resample == "exact" else torch.cat(shown, dim=1)
     assert weights.shape == (2, 24, 1 + draws)

@@ -1,4 +1,3 @@
-import json
 import re
 import subprocess
 import sys
@@ -17,7 +16,7 @@ from credit.report.heatmaps import heatmaps_figure
 from credit.report.recovered import recovered_maps
 from credit.report.runs import load_runs
 from credit.report.style import SPARE, colours, save
-from credit.tracking.palette import COLOURS
+from credit.runs.palette import COLOURS
 
 from .conftest import WriteRun, recovery_arrays
 
@@ -40,15 +39,8 @@ def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("credit.report.compare._figures", lambda *_: {})
 
 
-def session(output: Path, started: float, tracking: object) -> None:
-    folder = output / "sessions" / f"session-{started:g}"
-    folder.mkdir(parents=True)
-    node = {"experiment": "advertiser", "started": started, "tracking": tracking}
-    (folder / "session.json").write_text(json.dumps(node), encoding="utf-8")
-
-
 def test_compare_writes_tables_and_figures(output: Path):
-    report = compare(output, "advertiser", log=False)
+    report = compare(output, "advertiser")
     figures = [f"{name}.{ending}" for name in ("curves", "distribution", "diagnostics") for ending in ("png", "svg")]
     assert report.folder == output / "reports" / "advertiser"
     assert [path.name for path in report.files] == [
@@ -59,7 +51,6 @@ def test_compare_writes_tables_and_figures(output: Path):
         *figures,
     ]
     assert all(path.stat().st_size > 100 for path in report.files)
-    assert report.logged == ""
     runs = pd.read_csv(report.folder / "runs.csv")
     assert list(runs) == [
         "method", "slug", "seed", "config_hash", "git_commit", "version", "regret/cumulative", "reward/mse",
@@ -74,8 +65,8 @@ def test_compare_writes_tables_and_figures(output: Path):
 
 
 def test_the_same_runs_give_the_same_files(output: Path):
-    first = [path.read_bytes() for path in compare(output, "advertiser", log=False).files]
-    assert first == [path.read_bytes() for path in compare(output, "advertiser", log=False).files]
+    first = [path.read_bytes() for path in compare(output, "advertiser").files]
+    assert first == [path.read_bytes() for path in compare(output, "advertiser").files]
 
 
 def test_heat_maps_of_one_seed_and_of_the_mean(output: Path):
@@ -166,35 +157,15 @@ def test_nothing_finished_leaves_no_folder(tmp_path: Path):
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_the_newest_session_decides_where_to_log(output: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_command_logs_what_it_reports(
+    output: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
     calls = []
-    monkeypatch.setattr("credit.tracking.report_run.log_report", lambda *args: calls.append(args))
-    session(output, 1.0, {"uri": "old"})
-    session(output, 2.0, {"uri": "sqlite:///new.db"})
-    report = compare(output, "advertiser")
-    assert report.logged.startswith("Logged to MLflow")
-    (arguments,) = calls
-    assert arguments[:4] == (output, "sqlite:///new.db", "advertiser", report.folder)
-    assert arguments[4]["reference/regret/cumulative/mean"] == 91.5
-    for started, untracked in ((3.0, None), (4.0, {"_target_": "credit.tracking.NoTracking"})):
-        session(output, started, untracked)
-        assert "was not tracked" in compare(output, "advertiser").logged
-    assert len(calls) == 1
-
-
-@pytest.mark.usefixtures("no_figures")
-@pytest.mark.parametrize("content", ["", "[]", "{}", '{"experiment": "advertiser", "started": null, "tracking": null}'])
-def test_a_damaged_session_costs_nothing(output: Path, content: str):
-    session(output, 1.0, None)
-    (output / "sessions" / "session-1" / "session.json").write_text(content, encoding="utf-8")
-    assert "was not tracked" in compare(output, "advertiser").logged
-
-
-@pytest.mark.usefixtures("no_figures")
-def test_a_store_that_fails_costs_one_line(output: Path, monkeypatch: pytest.MonkeyPatch):
-    def fail(*_args: object) -> None:
-        raise ConnectionError("refused\nand much more")
-
-    monkeypatch.setattr("credit.tracking.report_run.log_report", fail)
-    session(output, 1.0, {"uri": None})
-    assert compare(output, "advertiser").logged == "Not logged to MLflow: ConnectionError: refused"
+    monkeypatch.setattr(
+        "credit.tracking.report_run.log_beside_runs", lambda *args: calls.append(args) or "Logged to MLflow"
+    )
+    assert main([f"output={output}"]) == 0
+    ((*where, metrics),) = calls
+    assert where == [output, "advertiser", output / "reports" / "advertiser"]
+    assert metrics["reference/regret/cumulative/mean"] == 91.5
+    assert capsys.readouterr().out.endswith("Logged to MLflow\n")

@@ -194,7 +194,7 @@ def test_recoveries_over_a_maze_are_no_tables(shared: Path):
 def test_runs_that_kept_nothing_are_compared_without_pictures(tmp_path: Path):
     write_maze_run(tmp_path, "disagreement", 0, RATES, beliefs=recovery())
     write_maze_run(tmp_path, "delayed", 0, RATES)
-    report = compare(tmp_path, "pointmaze", log=False)
+    report = compare(tmp_path, "pointmaze")
     names = {path.stem for path in report.files}
     assert names == {"table", "runs", "curves", "distribution"}
     assert report.remark == ""
@@ -222,7 +222,7 @@ def test_old_pictures_do_not_stay(tmp_path: Path):
     folder.mkdir(parents=True)
     for name in ("trajectories_gone", "maps_gone", "policy_gone_seed-0"):
         (folder / f"{name}.svg").touch()
-    report = compare(output, "pointmaze", methods=["reference"], videos=False, log=False)
+    report = compare(output, "pointmaze", methods=["reference"], videos=False)
     assert {path.stem for path in report.files if path.suffix == ".svg"} == {
         *("curves", "distribution", "demonstrations", "trajectories_reference", "maps_reference")
     }

@@ -107,7 +107,7 @@ def test_another_maze_is_another_setting(tmp_path: Path):
         slug = "env.goal=7,10,env.maze=Large"
         write_maze_run(tmp_path, "disagreement", seed, [0.1, 0.2], slug=slug, env=large, tracks=journal())
         write_maze_run(tmp_path, "disagreement", seed, [0.1, 0.2], slug="env.successes=1", env={"successes": 1})
-    report = compare(tmp_path, "pointmaze", log=False, videos=False)
+    report = compare(tmp_path, "pointmaze", videos=False)
     assert [part.runs.setting.words for part in report.comparisons] == [
         "feedback=terminal env.goal=[6,6] env.maze=Medium env.successes=1",
         "feedback=terminal env.goal=[6,6] env.maze=Medium env.successes=10",

@@ -1,7 +1,6 @@
 """Episodic runs in two settings: one sweep, one comparison, and no number of one beside a number of the other."""
 
 import io
-import json
 import re
 from pathlib import Path
 
@@ -147,17 +146,9 @@ def test_metrics_name_the_setting_where_there_are_several(comparisons: list[Comp
     assert metrics_of(comparisons[1:]) == comparisons[1].metrics
 
 
-def test_metrics_of_both_settings_are_logged(output: Path, monkeypatch: pytest.MonkeyPatch):
-    calls = []
-    monkeypatch.setattr("credit.tracking.report_run.log_report", lambda *args: calls.append(args))
+def test_a_report_has_the_metrics_of_both_settings(output: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("credit.report.compare._figures", lambda *_: {})
-    folder = output / "sessions" / "one"
-    folder.mkdir(parents=True)
-    node = {"experiment": "sepsis", "started": 1.0, "tracking": {"uri": "sqlite:///some.db"}}
-    (folder / "session.json").write_text(json.dumps(node), encoding="utf-8")
-    compare(output, "sepsis")
-    ((*_, metrics),) = calls
-    assert {name.split("/")[0] for name in metrics} == {"block_sum", "terminal"}
+    assert {name.split("/")[0] for name in compare(output, "sepsis").metrics} == {"block_sum", "terminal"}
 
 
 def test_figures_have_a_panel_a_setting(comparisons: list[Comparison]):
@@ -193,7 +184,7 @@ def test_maps_of_both_settings_replace_older_ones(write_run: WriteRun, output: P
     write_run("new", 0, {"regret/share": 0.1}, experiment="sepsis", recovery=large)
     small = recovery_arrays(np.random.default_rng(0))
     write_run("new", 0, {"regret/share": 0.1}, experiment="sepsis", slug="x=1", recovery=small, feedback=TERMINAL)
-    report = compare(output, "sepsis", log=False)
+    report = compare(output, "sepsis")
     names = {path.stem for path in report.files if path.suffix == ".svg"}
     assert names == {"curves", "distribution", "maps_block_sum", "diagnostics_terminal"}
     assert {path.stem for path in folder.glob("*.svg")} == names

@@ -30,7 +30,7 @@ def write_all(write_run: WriteRun, metrics: dict[str, float], *, keeps: bytes | 
 @pytest.mark.parametrize("keeps", [None, b"PK", b"nothing of ours"])
 def test_metrics_of_a_maze_make_no_maze(write_run: WriteRun, tmp_path: Path, keeps: bytes | None):
     write_all(write_run, SUCCESS, keeps=keeps)
-    report = compare(tmp_path / "outputs", "walker", log=False)
+    report = compare(tmp_path / "outputs", "walker")
     (comparison,) = report.comparisons
     assert not comparison.is_maze
     assert comparison.primary.title == "Success in the last four rounds"
@@ -44,12 +44,12 @@ def test_arrays_of_another_kind_are_no_maze(write_run: WriteRun, tmp_path: Path)
     write_all(write_run, SUCCESS)
     for folder in (tmp_path / "outputs" / "walker").glob("*/*/seed-*"):
         np.savez(folder / "trajectories.npz", places=np.zeros(3))
-    assert not compare(tmp_path / "outputs", "walker", log=False).comparisons[0].is_maze
+    assert not compare(tmp_path / "outputs", "walker").comparisons[0].is_maze
 
 
 def test_whose_runs_keep_a_maze_is_one(tmp_path: Path):
     write_maze_run(tmp_path, "delayed", 0, [0.5, 0.9], tracks=journal(), env={"_target_": "mine.envs.Labyrinth"})
-    report = compare(tmp_path, "pointmaze", log=False, videos=False)
+    report = compare(tmp_path, "pointmaze", videos=False)
     assert report.comparisons[0].is_maze
     assert "trajectories_delayed.png" in {path.name for path in report.files}
 

@@ -31,7 +31,7 @@ class SAC(Learner, Agent):  # noqa: D101 - the learner's docstring is its own
         """Make the networks and an empty memory.
 
         Raises:
-            UserError: `update_ratio` with several replicas.
+            UserError: `update_ratio` with several replicas; successes are preferred, and labels are no bits.
         """
         if self.update_ratio and problem.replicas > 1:
             raise UserError(

@@ -84,13 +84,6 @@ def extract_actor(stack: Stack, member: int) -> ProbabilisticActor:
     return module
 
 
-def extract_critic(stack: Stack, member: int) -> ValueOperator:
-    """One critic of a stack as TorchRL has it, a copy."""
-    module = critic_module(stack.shape)
-    module.module.load_state_dict(stack.state(member))
-    return module
-
-
 def _mlp(shape: Shape) -> MLP:
     return MLP(
         in_features=shape.inputs,

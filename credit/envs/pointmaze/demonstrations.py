@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 
 from credit.core.errors import UserError
 from credit.core.windows import Episode
+from credit.data.minari import episodes
 from credit.envs.pointmaze.controllers import Controller, Path
-from credit.envs.pointmaze.task import Task
+from credit.envs.pointmaze.task import RADIUS, Task
 
 SUCCESS, PARTIAL, FAILURE, UNKNOWN = KINDS = ("success", "partial", "failure", "unknown")
+RECORDED = {"observation": 4, "desired_goal": 2}  # what Gymnasium-Robotics observes, and how many numbers each has
 ATTEMPTS = 50  # trajectories that are driven for one that is kept
 
 
@@ -132,6 +134,47 @@ def make(
         paths += _driven(task, kind, legs[kind], count, seed, controller or Controller())
         kinds += [kind] * count
     return Demonstrations.of(paths, kinds)
+
+
+def recorded(source: str | File, task: Task, limit: int | None = None) -> Demonstrations:
+    """Those of a Minari dataset of PointMaze, cut and labelled as in `trimmed`, whatever its own starts and horizon.
+
+    Args:
+        source, limit: as in `credit.data.minari.episodes`. task: whose demonstrations they are to be.
+
+    Raises:
+        UserError: a dataset that cannot be read, or one that is not PointMaze's.
+    """
+    paths = []
+    for number, observed, actions in episodes(source, limit):
+        steps = len(actions)
+        for part, width in RECORDED.items():
+            if not isinstance(observed, dict) or np.shape(observed.get(part, ())) != (steps + 1, width):
+                raise UserError(
+                    f"demonstrations={source}: episode {number} with {steps} actions has no observations[{part!r}] of "
+                    f"shape {(steps + 1, width)}; only datasets of PointMaze can be read"
+                )
+        if actions.shape != (steps, 2):
+            raise UserError(f"demonstrations={source}: episode {number} has actions {actions.shape}, not {(steps, 2)}")
+        paths.append(trimmed(observed["observation"], observed["desired_goal"], actions, task))
+    return Demonstrations.of(paths, [UNKNOWN] * len(paths))
+
+
+def trimmed(observations: np.ndarray, goals: np.ndarray, actions: np.ndarray, task: Task) -> Path:
+    """One episode as a trajectory of a task: cut behind the first arrival at the task's goal, and after H steps.
+
+    The goal is the episode's own while that lies in the task's goal cell, else the middle of that cell.
+
+    Args:
+        observations: x, y, vx, vy [L + 1, 4]. goals: the episode's own [L + 1, 2]. actions: [L, 2].
+    """
+    nominal = np.array(task.maze.xy(task.goal))
+    own = (np.abs(goals[1:] - nominal) < 0.5).all(-1, keepdims=True)
+    distance = np.linalg.norm(observations[1:, :2] - np.where(own, goals[1:], nominal), axis=-1)
+    reached = np.flatnonzero(distance[: task.horizon] <= RADIUS)
+    steps = int(reached[0]) + 1 if len(reached) else min(len(actions), task.horizon)
+    states, forces = observations[: steps + 1].astype(np.float32), actions[:steps].astype(np.float32)
+    return Path(states, np.clip(forces, -1, 1), success=len(reached) > 0)
 
 
 driven = lru_cache(maxsize=64)(make)  # the check of a run drives them, the run learns from them, pictures show them

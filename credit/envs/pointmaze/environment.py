@@ -18,8 +18,7 @@ from credit.core.seams import Environment, Transitions
 from credit.core.state import pack, unpack
 from credit.core.steps import Steps
 from credit.core.windows import Windows
-from credit.envs.pointmaze import minari
-from credit.envs.pointmaze.demonstrations import Demonstrations, describe, driven
+from credit.envs.pointmaze.demonstrations import Demonstrations, describe, driven, recorded
 from credit.envs.pointmaze.geometry import MazeKnowledge
 from credit.envs.pointmaze.maze import Cell, Maze
 from credit.envs.pointmaze.physics import Balls, noise
@@ -123,7 +122,7 @@ class PointMaze(Environment):
         success = self._of_copies(reached)
         return Transitions(
             self._of_copies(balls.states.astype(np.float32)),
-            self._of_copies(rewards.astype(np.float64)),  # `dense` is rounded as TorchRL's face has it
+            self._of_copies(rewards.astype(np.float64)),  # `dense` in single precision, as states are
             success,
             self._of_copies(balls.elapsed >= self._task.horizon),
             {"success": success, "goals": self._goals},
@@ -219,7 +218,7 @@ class PointMaze(Environment):
                     "are of another task; give others, or a larger feedback.window"
                 )
             return found
-        return minari.read(source, self._task)
+        return recorded(source, self._task)
 
 
 def _cell(key: str, cell: Sequence[int]) -> Cell:

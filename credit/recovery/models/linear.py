@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from typing import ClassVar
 
 import torch
@@ -184,31 +184,24 @@ class LinearModel(RidgeModel):
 
     def _predict(self, phi: Tensor) -> Estimate:
         """What φ [N, d] or [R, N, d] comes to."""
-        if self._tabular:
-            phi = self._in_units(phi)
-            values = self._theta @ phi.mT
-            leverage = None
-        else:
-            values = self._by_rows(phi)
-            values, leverage = values[:, :-1], values[:, -1]
+        values = self._each(lambda phi, theta: theta @ phi.mT, phi, self._theta)
         draws = values[:, 1:]
-        variance = self.uncertainty.variance(
-            draws, lambda: self._leverage(phi) if leverage is None else leverage, self.residual
-        )
+        variance = self.uncertainty.variance(draws, lambda: self._leverage(phi), self.residual)
         return Estimate(values[:, 0], variance, draws)
+
+    def _leverage(self, phi: Tensor) -> Tensor:
+        """φᵀV⁻¹φ [R, N]."""
+        return self._each(lambda phi, inverse: ((phi @ inverse) * phi).sum(-1), phi, self._inverse[:, 0])
+
+    def _each(self, function: Callable[[Tensor, Tensor], Tensor], phi: Tensor, of_fits: Tensor) -> Tensor:
+        """A function of φ [N, d] or [R, N, d], in units, and of something [R, ...]; single steps are many."""
+        if self._tabular:
+            return function(self._in_units(phi), of_fits)
+        rows = phi.expand(len(of_fits), *phi.shape[-2:])
+        return by_replica(lambda phi, own: function(self._in_units(phi.to(FLOAT)), own), rows, of_fits)
 
     def _in_units(self, phi: Tensor) -> Tensor:
         return phi if self.unit == 1 else phi / self.unit
-
-    def _by_rows(self, phi: Tensor) -> Tensor:
-        """Predictions of all fits [R, F, N], and behind them φᵀV⁻¹φ [R, 1, N], of φ [N, d] or [R, N, d]."""
-        phi = phi.expand(len(self._theta), *phi.shape[-2:])
-        return by_replica(self._rows, phi, self._theta, self._inverse[:, 0])
-
-    def _rows(self, phi: Tensor, theta: Tensor, inverse: Tensor) -> Tensor:
-        """Predictions of all fits [r, F, n], and behind them φᵀV⁻¹φ [r, 1, n]; single steps are many."""
-        phi = phi.to(FLOAT) / self.unit
-        return torch.cat([theta @ phi.mT, ((phi @ inverse) * phi).sum(-1).unsqueeze(1)], dim=1)
 
     def looks(self) -> Tensor:
         """Cells with the same features have the same prediction."""
@@ -227,10 +220,7 @@ class LinearModel(RidgeModel):
     def leverage(self, steps: Steps | None = None) -> Tensor:
         """φᵀV⁻¹φ of every place [R, N], or of other steps [n]: the squared width of the proof's confidence set (38)."""
         phi = self._look.places() if steps is None else self._phi(steps)
-        return self._leverage(self._in_units(phi)) if self._tabular else self._by_rows(phi)[:, -1]
-
-    def _leverage(self, phi: Tensor) -> Tensor:
-        return ((phi @ self._inverse[:, 0]) * phi).sum(-1)
+        return self._leverage(phi)
 
     def perturbation(self, normal: Tensor, steps: Steps | None = None) -> Tensor:
         """Φ L z with L Lᵀ = V⁻¹: a posterior draw of the reward, less its mean.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import torch
@@ -51,6 +51,11 @@ class PrimitiveReward(RewardModel):
             self._own = self._cells.index(places.cells.steps(problem.device))
         count = 0 if self._cells is None else self._cells.count
         self._total, self._visits = problem.zeros(count), problem.zeros(count)
+
+    def filled(self) -> Mapping[str, int]:
+        """As many columns as rows, where places are those."""
+        counts = self._places.counts if self._cells is None else None
+        return {} if counts is None else dict.fromkeys(("_total", "_visits"), max(counts))
 
     def observe(self, store: Store) -> None:
         """Add the primitive reward of every step of the newest windows.

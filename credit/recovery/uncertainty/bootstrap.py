@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
-from typing import ClassVar, Literal, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -121,6 +121,7 @@ class Bootstrap(FitUncertainty):
         self._problem = problem
         self._stream = Stream(problem, "bootstrap", "poisson", self.draws)
         self._outside = problem.zeros(256, self.draws) > 0  # whether a window has weight 0 in a draw [R, ≥ K, B]
+        self._count = 0  # K
         self._generators = generators(problem.seeds, "bootstrap/exact")
         self._drawn: tuple[Windows, int, Weights] | None = None  # for which windows, after how many, and what
 
@@ -134,7 +135,17 @@ class Bootstrap(FitUncertainty):
                 self._outside = grown(self._outside, count)
             self._outside[:, count - values.shape[1] : count] = values[..., 1:] == 0
             self._drawn = drawn = store.new, count, Weights(values, anew)
+            self._count = count
         return drawn[2]
+
+    def filled(self) -> Mapping[str, int]:
+        """As many columns as windows."""
+        return {"_outside": self._count}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Draw on from there."""
+        super().load_state_dict(state)
+        self._count = self._outside.shape[1]
 
     def variance(self, draws: Tensor, leverage: Callable[[], Tensor], residual: Callable[[], Tensor]) -> Tensor:
         """Variance over the draws (10)."""

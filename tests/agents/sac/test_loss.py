@@ -11,11 +11,12 @@ from tensordict import TensorDict
 from tensordict.nn import NormalParamExtractor
 from torch import Tensor
 from torchrl.data import Bounded
+from torchrl.modules import ValueOperator
 from torchrl.objectives import SACLoss, SoftUpdate, ValueEstimators
 
 from credit.agents.sac.learner import Learner
 from credit.agents.sac.loss import entropy_room, losses
-from credit.agents.sac.networks import extract_actor, extract_critic, squash, squash_backward
+from credit.agents.sac.networks import critic_module, extract_actor, squash, squash_backward
 from credit.data.replay import Batch
 from credit.networks.stack import Stack
 
@@ -42,6 +43,13 @@ def batch(seed: int = 0) -> tuple[Batch, Tensor]:
     returns, noise = torch.randn(R, B, generator=g), torch.randn(2, R, B, 2, generator=g)
     bounds = torch.full((R, 1), -1.0), torch.full((R, 1), 1.0)
     return Batch(states, actions, None, returns, discount, ahead, *bounds), noise
+
+
+def extract_critic(stack: Stack, member: int) -> ValueOperator:
+    """One critic of a stack as TorchRL has it, a copy."""
+    module = critic_module(stack.shape)
+    module.module.load_state_dict(stack.state(member))
+    return module
 
 
 def stock(sac: Learner, r: int) -> SACLoss:

@@ -101,6 +101,19 @@ def test_dense_primitive_rewards_show_the_distance() -> None:
         assert path[-1] <= RADIUS < path[:-1].min()
 
 
+def test_a_ball_that_arrives_with_its_last_step_does_both() -> None:
+    def ends(horizon: int) -> list[tuple[bool, bool]]:
+        env, _, problem = started((3,), horizon)
+        env.start(problem)
+        env.reset()
+        found = [env.step(torch.tensor([[[1.0, 0.0]]])) for _ in range(horizon)]
+        return [(bool(step.terminated), bool(step.truncated)) for step in found]
+
+    steps = 1 + ends(80).index((True, False))
+    assert ends(steps) == [(False, False)] * (steps - 1) + [(True, True)]
+    assert ends(steps - 1) == [(False, False)] * (steps - 2) + [(False, True)]
+
+
 @pytest.mark.parametrize("windows", [1, 3])
 def test_a_replica_depends_neither_on_the_others_nor_on_how_long_they_last(windows: int) -> None:
     def played(seeds: Sequence[int], *strengths: float) -> list[Windows]:

@@ -15,44 +15,16 @@ import pytest
 from credit.core.errors import UserError
 from credit.envs.pointmaze.controllers import Controller
 from credit.envs.pointmaze.controllers import Path as Driven
+from credit.envs.pointmaze.demonstrations import recorded as read
+from credit.envs.pointmaze.demonstrations import trimmed
 from credit.envs.pointmaze.environment import PointMaze
-from credit.envs.pointmaze.minari import read, trimmed
 from credit.envs.pointmaze.task import Task
 
-minari = pytest.importorskip("minari")
+from ...minari_datasets import written
+
+pytest.importorskip("minari")
 gymnasium.register_envs(gymnasium_robotics)
 pytestmark = pytest.mark.filterwarnings("ignore:.*env.*:UserWarning")
-
-
-def written(name: str, episodes: list[dict[str, Any]], env: str | None = None) -> Any:
-    """A dataset in Minari's own store."""
-    from minari.data_collector import EpisodeBuffer
-
-    box = gymnasium.spaces.Box
-    parts = {key: box(-np.inf, np.inf, value.shape[1:]) for key, value in episodes[0]["observations"].items()}
-    space = gymnasium.spaces.Dict(parts)
-    buffers = []
-    for number, episode in enumerate(episodes):
-        steps = len(episode["actions"])
-        flags = {
-            "rewards": [0.0] * steps,
-            "terminations": [False] * steps,
-            "truncations": [False] * (steps - 1) + [True],
-        }
-        buffers.append(EpisodeBuffer(id=number, **episode, **flags))
-    return minari.create_dataset_from_buffers(
-        name,
-        buffers,
-        env=env,
-        action_space=box(-1, 1, (2,)),
-        observation_space=space,
-        data_format="hdf5",
-        description="a test",
-        algorithm_name="a test",
-        author="a test",
-        author_email="a@test",
-        code_permalink="a test",
-    )
 
 
 def episode(states: np.ndarray, actions: np.ndarray, goal: tuple[float, float]) -> dict[str, Any]:

@@ -15,7 +15,7 @@ import pytest
 from credit.core.errors import RunError
 from credit.envs.pointmaze.controllers import Controller
 from credit.envs.pointmaze.maze import Cell, Maze
-from credit.envs.pointmaze.physics import Balls
+from credit.envs.pointmaze.physics import Balls, noise
 from credit.envs.pointmaze.task import Task
 
 gymnasium.register_envs(gymnasium_robotics)
@@ -122,6 +122,19 @@ def test_start_and_goal_move_by_a_quarter(medium: Task) -> None:
         away = places - np.array(centre)
         assert 0.23 < np.abs(away).max() < 0.25
         assert np.abs(away.mean(0)).max() < 0.05
+
+
+def test_noise_is_of_its_own_for_seed_copy_and_purpose(medium: Task) -> None:
+    def places(seeds: tuple[int, ...], copies: int, purpose: str = "environment") -> np.ndarray:
+        balls = Balls(medium, noise(seeds, copies, purpose))
+        balls.reset()
+        return balls.states[:, :2]
+
+    batch = places((0, 1), 2)
+    assert len(np.unique(batch, axis=0)) == 4
+    assert np.array_equal(batch[2:], places((1,), 2))
+    assert np.array_equal(batch[::2], places((0, 1), 1))
+    assert (places((0, 1), 2, "evaluation") != batch).all()
 
 
 @pytest.mark.parametrize("twin", [copy.deepcopy, lambda balls: pickle.loads(pickle.dumps(balls))])

@@ -22,7 +22,7 @@ from credit.recovery.models.primitive import PrimitiveReward
 from credit.recovery.models.ridge import RidgeModel
 from credit.recovery.models.table import TableModel
 
-from ..fits import Experience, Given, part
+from ..fits import Experience, Given, cells_of, part
 from ..fits import poisson as poisson_of
 
 Make = Callable[..., Problem]
@@ -100,7 +100,6 @@ def test_linear_with_the_credit_on_the_last_step(problem: Problem, kind: str, si
     }[kind]
     model = LinearModel("any", features, Given(DRAWS), 0.3, "last_step")
     assert set(model.looks_at) == {"step", "state", "action"}
-    problem = replace(problem, axes=("step", *PAIRS))
     windows = windows_of(problem, 60)
     weights = poisson(windows)
     experience = Experience(problem, model)
@@ -115,13 +114,12 @@ def test_linear_with_the_credit_on_the_last_step(problem: Problem, kind: str, si
 
 @pytest.mark.parametrize("credit", ["every_step", "last_step"])
 def test_many_windows_at_once_equal_one_by_one(problem: Problem, credit: str) -> None:
-    problem = replace(problem, axes=TIMED)
     windows = windows_of(problem, 50)
     weights = poisson(windows)
     weights[:, 3, 1:] = 0  # a window that no draw sees
     many, one = (LinearModel("any", Identity(ARRIVALS), Given(DRAWS), 0.2, credit) for _ in range(2))  # type: ignore[arg-type]
-    Experience(problem, many).see(windows, weights)  # 50 windows of 8 features: one inverse
-    experience = Experience(problem, one)
+    Experience(problem, many, axes=TIMED).see(windows, weights)  # 50 windows of 8 features: one inverse
+    experience = Experience(problem, one, axes=TIMED)
     for k in range(50):
         experience.see(part(windows, slice(k, k + 1)), weights[:, k : k + 1])
     torch.testing.assert_close(many.estimate().mean, one.estimate().mean, atol=1e-11, rtol=0)
@@ -136,7 +134,7 @@ def test_a_table_over_other_cells(problem: Problem, axes: tuple[Axis, ...], cred
     model = TableModel(Given(DRAWS), looks_at=axes, credit=credit, regularization=0.5, tolerance=1e-12)  # type: ignore[arg-type]
     seen = axes if credit == "every_step" or "step" in axes else ("step", *axes)
     assert set(model.looks_at) == set(seen)
-    problem = replace(problem, axes=tuple(model.looks_at))
+    count = cells_of(problem, [model]).count
     windows = windows_of(problem, 60)
     weights = poisson(windows)
     experience = Experience(problem, model)
@@ -144,7 +142,7 @@ def test_a_table_over_other_cells(problem: Problem, axes: tuple[Axis, ...], cred
         experience.see(part(windows, which), weights[:, which])
     tables, index = [], cells(windows, seen)[..., -1 if credit == "last_step" else 0 :]
     for replica in range(2):
-        x = np.zeros((60, problem.cells.count))
+        x = np.zeros((60, count))
         np.add.at(x, (np.arange(60)[:, None], index[replica]), 1)
         tables.append(ridge(x, windows.labels[replica], weights[replica], 0.5))
     assert_fits(model, tables, 1e-9)
@@ -155,7 +153,7 @@ def test_a_table_over_other_cells(problem: Problem, axes: tuple[Axis, ...], cred
 
 def test_the_last_step_of_three_windows_by_hand(make_problem: Make) -> None:
     # S' at the end: 1, 1, 0; labels 2, 4, 6; λ = 1: θ(1) = (2 + 4)/(1 + 2) = 2, θ(0) = 6/(1 + 1) = 3; else 0
-    problem = replace(make_problem((0,), states=2, actions=1, window=2), episodic=True, axes=TIMED)
+    problem = replace(make_problem((0,), states=2, actions=1, window=2), episodic=True)
     arrivals = torch.tensor([[[0, 1], [1, 1], [0, 0]]])
     windows = Windows.of_grid(arrivals, arrivals * 0, arrivals, torch.tensor([[2.0, 4.0, 6.0]], dtype=FLOAT))
     for model in (
@@ -169,13 +167,12 @@ def test_the_last_step_of_three_windows_by_hand(make_problem: Make) -> None:
 @pytest.mark.parametrize("credit", ["every_step", "last_step"])
 def test_a_table_beside_models_that_look_at_more_stays_what_it_is(problem: Problem, credit: str) -> None:
     # Its own axes make the fit; those of all models only say where it is read.
-    problem = replace(problem, axes=TIMED)
     windows = windows_of(problem, 60)
     weights = poisson(windows)
     keys = {"looks_at": ARRIVALS, "credit": credit, "regularization": 0.5, "tolerance": 1e-12}
     table = TableModel(Given(DRAWS), **keys)  # type: ignore[arg-type]
     dense = LinearModel("dense", Identity(ARRIVALS), Given(DRAWS), 0.5, credit)  # type: ignore[arg-type]
-    Experience(problem, table, dense).see(windows, weights)
+    Experience(problem, table, dense, axes=TIMED).see(windows, weights)
     torch.testing.assert_close(table.estimate().mean, dense.estimate().mean, atol=1e-9, rtol=0)
     torch.testing.assert_close(table.estimate().draws, dense.estimate().draws, atol=1e-9, rtol=0)
     by_step = table.leverage().view(2, WINDOW, STATES)
@@ -184,11 +181,10 @@ def test_a_table_beside_models_that_look_at_more_stays_what_it_is(problem: Probl
 
 
 def test_the_oracles_table_beside_models_that_look_at_more_stays_what_it_is(problem: Problem) -> None:
-    problem = replace(problem, axes=TIMED)
     windows = windows_of(problem, 20)
     rewards = torch.randn(2, 20, WINDOW, dtype=FLOAT, generator=torch.Generator().manual_seed(2))
     model = PrimitiveReward(looks_at=ARRIVALS)
-    Experience(problem, model).see(replace(windows, primitive=rewards.flatten(1)))
+    Experience(problem, model, axes=TIMED).see(replace(windows, primitive=rewards.flatten(1)))
     found = model.estimate().mean.view(2, WINDOW, STATES)
     for replica in range(2):
         for state in range(STATES):
@@ -201,17 +197,17 @@ def test_the_oracles_table_beside_models_that_look_at_more_stays_what_it_is(prob
 @pytest.mark.parametrize("axes", [PAIRS, TIMED], ids="-".join)
 def test_leverage_is_a_lower_bound_of_the_exact_one(problem: Problem, axes: tuple[Axis, ...], credit: str) -> None:
     model = TableModel(Given(DRAWS), looks_at=axes, credit=credit, regularization=0.5)  # type: ignore[arg-type]
-    problem = replace(problem, axes=tuple(model.looks_at))
+    table = cells_of(problem, [model])
     windows = windows_of(problem, 40)
     experience = Experience(problem, model)
     experience.see(part(windows, slice(25)), poisson(windows)[:, :25])
     experience.see(part(windows, slice(25, 40)), poisson(windows)[:, 25:])
     found = model.leverage()
-    index = cells(windows, problem.cells.axes)[..., -1 if credit == "last_step" else 0 :]
+    index = cells(windows, table.axes)[..., -1 if credit == "last_step" else 0 :]
     for replica in range(2):
-        x = np.zeros((40, problem.cells.count))
+        x = np.zeros((40, table.count))
         np.add.at(x, (np.arange(40)[:, None], index[replica]), 1)
-        counts = np.ones(problem.cells.count)
+        counts = np.ones(table.count)
         if credit == "last_step":
             counts.reshape(WINDOW, -1)[:-1] = 0  # φ = 0 where the label says nothing: the reward is 0 for sure
         np.testing.assert_allclose(found[replica], counts / (0.5 + (x**2).sum(0)), rtol=1e-12)
@@ -252,7 +248,7 @@ def patients() -> tuple[Problem, Windows]:
 def test_the_default_tolerance_is_enough_for_patients(
     patients: tuple[Problem, Windows], axes: tuple[Axis, ...]
 ) -> None:
-    problem, windows = replace(patients[0], axes=axes), patients[1]
+    problem, windows = patients
     weights = poisson(windows, 1)
     model = TableModel(Given(1), looks_at=axes)
     experience = Experience(problem, model)

@@ -197,3 +197,13 @@ def test_credit_to_the_last_step_needs_a_table(make_walks: MakeWalks) -> None:
     model = LinearModel("box", Quarters(), Given(), credit="last_step")
     with pytest.raises(UserError, match="'box': credit=last_step needs states and actions that are numbers"):
         Experience(make_walks((3,), 5)[0], model)
+
+
+def test_an_uncertainty_that_needs_no_leverage_costs_none(make_walks: MakeWalks) -> None:
+    problem, walks = make_walks((0, 1), 4)
+    model = LinearModel("box", Quarters(), Given(2))
+    Experience(problem, model).see(walks, poisson(walks, 2))
+    expected = model.estimate()
+    del model._inverse  # which leverage is made of, and predictions are not
+    for part in ("mean", "variance", "draws"):
+        assert torch.equal(getattr(model.estimate(), part), getattr(expected, part))

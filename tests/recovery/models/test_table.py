@@ -241,7 +241,7 @@ def test_a_round_without_windows_changes_nothing(problem: Problem, first: bool) 
 
 
 def test_windows_that_may_end_early_are_refused(problem: Problem) -> None:
-    timed = replace(problem, axes=("step", "state", "action"), episodic=True)
+    timed = replace(problem, episodic=True)
     windows = Windows(*torch.zeros(3, 2, 3).long(), labels=torch.zeros(2, 1), last=torch.full((2, 1), 2))
     windows = replace(windows, step=torch.arange(3).expand(2, 3))
     for model in (TableModel(Given(1)), LinearModel("last", Identity(), Given(1), credit="last_step")):

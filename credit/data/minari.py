@@ -1,0 +1,71 @@
+"""Episodes that others recorded, in Minari's format."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import islice
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from credit.core.errors import UserError
+
+
+class Recorded(NamedTuple):
+    """L steps: actions [L, ...], and what was observed before each and behind the last one.
+
+    Attributes:
+        number: of the episode in its dataset. observations: [L + 1, ...], or name → that, nested as the space is.
+    """
+
+    number: int
+    observations: Any
+    actions: NDArray[Any]
+
+
+def episodes(source: str | Path, limit: int | None = None) -> Iterator[Recorded]:
+    """The episodes of a dataset, one by one.
+
+    Args:
+        source: a dataset's folder, or the name of one that Minari has on this machine (nothing is downloaded).
+        limit: how many, from the first; None for all.
+
+    Raises:
+        UserError: Minari is not installed, there is no such dataset, or an episode is not one.
+    """
+    for episode in islice(_opened(source).iterate_episodes(), limit):
+        steps = len(episode.actions)
+        if steps == 0:
+            raise UserError(f"{source}: episode {episode.id} has no steps; give a dataset without it")
+        for name, part in _parts(episode.observations, "observations"):
+            if np.ndim(part) == 0 or len(part) != steps + 1:
+                raise UserError(
+                    f"{source}: episode {episode.id} with {steps} actions has {name} of shape {np.shape(part)}; there "
+                    f"must be {steps + 1} rows, one before each action and one behind the last"
+                )
+        yield Recorded(int(episode.id), episode.observations, np.asarray(episode.actions))
+
+
+def _opened(source: str | Path) -> Any:
+    try:
+        import minari
+    except ImportError:
+        raise UserError("to read a Minari dataset: pip install 'minari[hdf5]'") from None
+    folder = Path(source)
+    try:
+        if folder.exists():
+            return minari.MinariDataset(folder / "data" if (folder / "data").exists() else folder)
+        return minari.load_dataset(str(source))
+    except (FileNotFoundError, ValueError) as error:
+        raise UserError(f"{source}: {error}; give a dataset's folder, or `minari download {source}`") from None
+
+
+def _parts(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """The arrays of nested observations, each with its name."""
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            yield from _parts(inner, f"{name}[{key!r}]")
+    else:
+        yield name, value

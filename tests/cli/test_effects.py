@@ -1,0 +1,40 @@
+"""What is typed has an effect, in the spelling in which `check --explain` prints it; what has none is refused."""
+
+from __future__ import annotations
+
+import pytest
+
+from credit.config import registry
+from credit.core.errors import UserError
+from credit.runs.runner import compose
+
+
+def test_jobs_of_a_sweep_in_which_a_word_has_no_effect_are_one(credit):
+    ended = credit("check", "-m", "method=delayed,adaptive_mse", "mixer.alpha=.1,.3", "tracking=none")
+    assert ended.code == 0, ended.err
+    assert ended.out.splitlines() == [
+        "method=delayed tracking=none",
+        "method=adaptive_mse mixer.alpha=0.1 tracking=none",
+        "method=adaptive_mse mixer.alpha=0.3 tracking=none",
+        "# 3 jobs, all right",
+    ]
+
+
+def test_a_run_from_python_refuses_what_has_no_effect():
+    with pytest.raises(UserError, match=r"'mixer=best' has no effect: method=delayed uses no mixer"):
+        compose(["method=delayed", "mixer=best", "tracking=none"])
+
+
+@pytest.mark.parametrize("method", ["adaptive_mse", "delayed"])
+@pytest.mark.parametrize("experiment", ["advertiser", "sepsis", "pointmaze"])
+def test_whatever_explain_lists_can_be_typed_as_it_stands(credit, experiment, method):
+    words = (f"experiment={experiment}", f"method={method}", "tracking=none")
+    listed = credit("check", "--explain", *words).out.splitlines()[:-1]
+    chosen = {"experiment", "method", "slug"}  # by their options, and by what differs
+    keys = [key for line in listed if (key := line.split()[0]) not in chosen and not key.endswith("_target_")]
+    assert len(keys) > 20
+    for key in keys:
+        config = registry.compose([*words, f"{key}=null"])
+        for part in key.split("."):
+            config = config[part]
+        assert config is None
