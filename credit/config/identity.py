@@ -14,7 +14,7 @@ from typing import Any
 
 from credit.config import schema
 from credit.config.kinds import CIRCUMSTANCES, KINDS
-from credit.config.signatures import REQUIRED, signature
+from credit.core.signatures import REQUIRED, signature
 from credit.renamed import translated
 
 SLOTS = ("trainer", *(slot for kind in KINDS.values() for slot in kind.slots))

@@ -26,8 +26,9 @@ from hydra.core.object_type import ObjectType
 from hydra.plugins.config_source import ConfigResult
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from credit.config import files, schema, signatures
+from credit.config import files, schema
 from credit.config.kinds import KINDS
+from credit.core import signatures
 from credit.core.errors import UserError, nearest
 
 ROLE = re.compile(r"\$\{choose\.(\w+)\}")

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
 from abc import ABC
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import wraps
 from typing import Any, ClassVar, Literal
 
 from credit.core.state import Stateful
@@ -29,5 +32,28 @@ class Component(Stateful, ABC):
     knows: ClassVar[type | None] = None
     sees_primitive: ClassVar[bool] = False
 
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        """Constructors refuse what their signatures do not allow, whoever calls them."""
+        super().__init_subclass__(**kwargs)
+        if "__init__" in vars(cls):
+            cls.__init__ = _checked(cls)  # type: ignore[method-assign]
+
     def learn(self, knowledge: Any) -> None:
         """Take what the environment knows, an instance of `knows`; called before `start`, where `knows` is set."""
+
+
+def _checked(cls: type) -> Callable[..., None]:
+    """The constructor of a class, which looks at its arguments first; its signature stays what it is."""
+    constructor: Callable[..., None] = vars(cls)["__init__"]
+    shape = inspect.signature(constructor)
+
+    @wraps(constructor)
+    def made(self: Any, *args: Any, **kwargs: Any) -> None:
+        from credit.core import signatures  # which knows components
+
+        with suppress(TypeError):  # of arguments that do not fit at all: the constructor says so itself
+            given = shape.bind(self, *args, **kwargs).arguments
+            signatures.check(cls, given)
+        constructor(self, *args, **kwargs)
+
+    return made

@@ -10,6 +10,7 @@ from functools import cache
 from typing import Any
 
 from credit.core.component import Component
+from credit.core.errors import UserError
 
 REQUIRED = inspect.Parameter.empty
 
@@ -36,6 +37,47 @@ def component_kind(hint: Any) -> type[Component] | None:
 def takes_several(hint: Any) -> bool:
     """Whether a parameter wants components by name, `Mapping[str, X]`."""
     return isinstance(typing.get_origin(hint), type) and issubclass(typing.get_origin(hint), Mapping)
+
+
+def check(cls: type, given: Mapping[str, Any]) -> None:
+    """Refuse arguments outside of what a constructor's signature allows: numbers out of range, words of no choice.
+
+    Args:
+        cls: whose constructor. given: name → argument; what has no range or choice is not looked at.
+
+    Raises:
+        UserError: with class, name and value, and what is allowed.
+    """
+    from pydantic import ValidationError
+
+    for name, hint in _ranged(cls).items():
+        if name in given:
+            try:
+                adapter(hint).validate_python(given[name])
+            except ValidationError as error:
+                reason = error.errors()[0]["msg"]
+                raise UserError(
+                    f"{cls.__name__}({name}={given[name]!r}): {reason}; allowed: {describe(hint)}"
+                ) from None
+
+
+@cache
+def adapter(hint: Any) -> Any:
+    """What validates a value by its hint, strictly: no text is a number, and no number is infinite."""
+    from pydantic import ConfigDict, TypeAdapter
+
+    return TypeAdapter(hint, config=ConfigDict(strict=True, allow_inf_nan=False))
+
+
+@cache
+def _ranged(cls: type) -> dict[str, Any]:
+    """Parameters with a range or a choice: name → hint."""
+    return {name: hint for name, (hint, _) in signature(cls).items() if _limited(hint)}
+
+
+def _limited(hint: Any) -> bool:
+    inner = typing.get_args(hint)
+    return typing.get_origin(hint) in (typing.Annotated, typing.Literal) or any(map(_limited, inner))
 
 
 def describe(hint: Any) -> str:
