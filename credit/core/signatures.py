@@ -35,8 +35,9 @@ def component_kind(hint: Any) -> type[Component] | None:
 
 
 def takes_several(hint: Any) -> bool:
-    """Whether a parameter wants components by name, `Mapping[str, X]`."""
-    return isinstance(typing.get_origin(hint), type) and issubclass(typing.get_origin(hint), Mapping)
+    """Whether a parameter wants components by name, `Mapping[str, X]`, or takes one instead of them."""
+    origins = [typing.get_origin(part) for part in (hint, *typing.get_args(hint))]
+    return any(isinstance(origin, type) and issubclass(origin, Mapping) for origin in origins)
 
 
 def check(cls: type, given: Mapping[str, Any]) -> None:

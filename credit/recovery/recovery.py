@@ -19,7 +19,7 @@ from credit.core.steps import Steps
 from credit.core.store import Store
 from credit.core.windows import Windows
 from credit.recovery.finite import require_finite
-from credit.recovery.mixers import best_model, mix
+from credit.recovery.mixers import RelativeMSE, best_model, mix
 from credit.recovery.places import Rows, Table
 from credit.recovery.proxies import gap, mse_proxies
 from credit.recovery.tables import Alike, spread_out
@@ -35,14 +35,13 @@ class Recovery(CreditAssigner):
     Args:
         reference: the flexible model.
         surrogates: name → structured model; may be empty.
-        mixer: MSE proxies → weights.
-        bonus: name → what optimism adds; their sum is the bonus.
+        mixer: MSE proxies → weights; None for relative MSE (14) with its defaults.
+        bonus: name → what optimism adds, or one; their sum is the bonus.
         scaler: how the mixed reward is scaled for the agent; optimism is added after it, in its unit.
 
     Example:
-        >>> recovery = Recovery(LinearModel("ridge", Identity(), Bootstrap()), {}, RelativeMSE(), {})
-        >>> recovery.start(problem); store.append(windows); recovery.observe(store)
-        >>> recovery.belief().mixed
+        >>> recovery = Recovery(LinearModel("ridge", Identity(), Bootstrap())).fit(windows, problem)
+        >>> recovery.belief().mixed, recovery.rewards(windows)
     """
 
     keeps: ClassVar = ("models", "_uncertainties", "mixer", "bonus", "scaler", "_places")
@@ -50,15 +49,15 @@ class Recovery(CreditAssigner):
     def __init__(
         self,
         reference: RewardModel,
-        surrogates: Mapping[str, RewardModel],
-        mixer: Mixer,
-        bonus: Mapping[str, Bonus],
+        surrogates: Mapping[str, RewardModel] = {},
+        mixer: Mixer | None = None,
+        bonus: Mapping[str, Bonus] | Bonus | None = None,
         scaler: Scaler | None = None,
     ) -> None:
         self.reference, self.surrogates = reference, dict(surrogates)
         self.models = [reference, *self.surrogates.values()]
-        self.mixer = mixer
-        self.bonus = dict(bonus)
+        self.mixer = RelativeMSE() if mixer is None else mixer
+        self.bonus = {"bonus": bonus} if isinstance(bonus, Bonus) else dict(bonus or {})
         self.scaler = scaler
         self.names = names_of(self.models)
         owned = [model.uncertainty for model in self.models if model.uncertainty is not None]
@@ -115,6 +114,21 @@ class Recovery(CreditAssigner):
                 "nothing; use models that look at states and actions alone, or an environment with episodes"
             )
         return Cells.over(axes, problem.window, problem.states, problem.actions)
+
+    def fit(self, windows: Windows, problem: Problem) -> Recovery:
+        """Learn from windows that are there, from the beginning; itself.
+
+        Args:
+            windows: labelled, K of each of R replicas. problem: in whose spaces they lie.
+
+        Raises:
+            UserError: they do not fit it.
+        """
+        store = Store(problem)
+        store.append(windows)
+        self.start(problem)
+        self.observe(store)
+        return self
 
     @property
     def learns(self) -> bool:

@@ -57,7 +57,7 @@ CASES = {
         ["env.p_mid_down + env.p_mid_up = 1.2", "at most 1"],
     ),
     "missing value": ((TRAIN, "mixer.alpha=???"), ["mixer.alpha", "missing", "float > 0"]),
-    "missing part": ((TRAIN, "~mixer"), ["mixer", "assigner needs one"]),
+    "missing part": ((TRAIN, "~agent"), ["agent", "trainer needs one"]),
     "parts that do not fit": (
         (TRAIN, "agent=sac"),
         ["agent: SAC needs", "vectors (Box)"],
