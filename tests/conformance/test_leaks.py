@@ -105,7 +105,10 @@ def composed(experiment: str, feedback: str, method: str) -> dict[str, Any]:
         steps = 4 * config["feedback"]["window"]
     else:
         steps = 25 * config["feedback"]["window"] // 2
-    return config | {"trainer": config["trainer"] | {"random_windows": 2, "steps": steps}}
+    agent = config["agent"]
+    if agent.get("prefer") == "success" and feedback != "success":  # there are none to prefer
+        agent = agent | {"prefer": "top"}
+    return config | {"agent": agent, "trainer": config["trainer"] | {"random_windows": 2, "steps": steps}}
 
 
 FITTING = 40  # at least; a fault in a configuration must not make tests vanish

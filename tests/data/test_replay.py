@@ -304,4 +304,4 @@ def test_what_cannot_be_drawn(counts: Sequence[Sequence[int]], make_trajectories
         replay.relabel(windows, torch.zeros(2, 3))
     empty = replace(windows, count=torch.tensor(counts).flatten())
     with pytest.raises(RuntimeError, match=r"replicas \[1\] have no rows"):
-        replay.relabel(empty, torch.zeros(2, 2))
+        replay.relabel(empty, torch.zeros(2, 2), checked=True)
