@@ -19,7 +19,7 @@ import yaml
 from credit.core.errors import UserError, nearest
 from credit.renamed import translated
 
-# The slots that are the problem, and what of the trainer is not: the learner's own schedule, and how often somebody looks
+# The slots that are the problem, and what of the trainer is not: the learner's own schedule, and how often one looks
 # (which decides what `eval/auc` and `eval/final` are means of: such runs are a variant, never averaged with others).
 PROBLEM = ("env", "feedback")
 SCHEDULE = ("windows_per_round", "first_windows", "first_windows_per_round", "random_windows", "log_every")

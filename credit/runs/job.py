@@ -158,15 +158,16 @@ def read(folder: Path) -> dict[str, Any]:
     """The configuration of a run, in today's names.
 
     Raises:
-        UserError: its file is damaged.
+        UserError: its file is damaged, or missing.
     """
     path = folder / "config.yaml"
     try:
         found = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError):
+    except (OSError, yaml.YAMLError, UnicodeDecodeError):
         found = None
     if not isinstance(found, dict):
-        raise UserError(f"{path}: damaged; restore it, or move {folder} away and compute the run anew")
+        state = "damaged" if path.exists() else "missing"
+        raise UserError(f"{path}: {state}; restore it, or move {folder} away and compute the run anew")
     return translated(found)
 
 
