@@ -63,24 +63,22 @@ def policy_iteration(
         solution[:, 0] = 0
         ahead = matvec(rows.view(replicas, -1, states), solution).view_as(reward)
         values = torch.add(reward, ahead, alpha=discount) - gain[:, None, None] * common
-        better = improved(values, policy, solution)
-        if torch.equal(better, policy):
+        best, current = values.amax(-1), values.take(chosen)
+        tolerance = TIE * (1 + solution.abs().amax(1, keepdim=True))
+        better = best > current + tolerance
+        if not better.any():
             break
-        policy = better
+        policy = torch.where(better, _first(values, best - tolerance), policy)
     return Plan(gain, solution, policy, values)
 
 
-def improved(values: Tensor, policy: Tensor, bias: Tensor) -> Tensor:
-    """The greedy policy [R, S], keeping the current action where it is tied with the best."""
-    tolerance = TIE * (1 + bias.abs().amax(1, keepdim=True))
-    best = values.amax(-1)
-    current = values.gather(-1, policy.unsqueeze(-1)).squeeze(-1)
-    return torch.where(best > current + tolerance, first_best(values, tolerance), policy)
-
-
-def first_best(values: Tensor, tolerance: Tensor | float = TIE) -> Tensor:
+def first_best(values: Tensor, tolerance: float = TIE) -> Tensor:
     """The first action [R, S] whose value [R, S, A] is within the tolerance of the best."""
-    margin = values.amax(-1) - tolerance
+    return _first(values, values.amax(-1) - tolerance)
+
+
+def _first(values: Tensor, margin: Tensor) -> Tensor:
+    """The first action [R, S] whose value [R, S, A] is no less than a margin [R, S]."""
     return (values >= margin.unsqueeze(-1)).to(torch.uint8).argmax(-1)
 
 

@@ -46,11 +46,11 @@ def relative_mse_weights(mse: Tensor, alpha: float, epsilon: float = 1e-12) -> T
 
 
 def _softmax(mse: Tensor, scale: Tensor, alpha: float, epsilon: float) -> Tensor:
-    excess = mse - mse.amin(-2, keepdim=True)
+    less = mse.amin(-2, keepdim=True) - mse
     tiny = torch.finfo(mse.dtype).tiny  # else α, or α·scale, may vanish
     alpha = max(alpha, tiny)
     floor = max(epsilon, tiny / alpha)
-    return torch.softmax(-excess / (scale.clamp(min=floor).unsqueeze(-2) * alpha), dim=-2)
+    return torch.softmax(less / (scale.clamp(min=floor).unsqueeze(-2) * alpha), dim=-2)
 
 
 def _with_infinite(mse: Tensor, alpha: float, epsilon: float) -> Tensor:
@@ -67,9 +67,12 @@ def _with_infinite(mse: Tensor, alpha: float, epsilon: float) -> Tensor:
 def median(values: Tensor) -> Tensor:
     """The median over M of [..., M, N], the mean of the middle two when M is even; [..., N]."""
     agree(values=(values, "M N"))
-    ordered = values.sort(dim=-2).values
-    count = values.shape[-2]
-    return (ordered[..., (count - 1) // 2, :] + ordered[..., count // 2, :]) / 2
+    rows = list(values.unbind(-2))
+    for last in range(len(rows) - 1, 0, -1):  # models are few, and torch.sort over an inner dimension is slow
+        for i in range(last):
+            rows[i], rows[i + 1] = torch.minimum(rows[i], rows[i + 1]), torch.maximum(rows[i], rows[i + 1])
+    lower, upper = rows[(len(rows) - 1) // 2], rows[len(rows) // 2]
+    return lower if lower is upper else (lower + upper) / 2
 
 
 def best_model(mse: Tensor) -> Tensor:
