@@ -15,7 +15,7 @@ from credit.core.errors import UserError
 from credit.core.knowledge import KnownTransitions
 from credit.core.problem import Problem
 from credit.core.truth import ContinuingTruth
-from credit.envs.exact.base import ExactEnvironment, cumulative
+from credit.envs.exact.base import ExactEnvironment, cumulative, successor
 from credit.planning import solve
 
 
@@ -98,7 +98,7 @@ class TabularEnvironment(ExactEnvironment):
         self._cumulative = cumulative(self.mdp.transition.flatten(0, 1)).to(problem.device)
 
     def _draw(self, row: Tensor, uniform: Tensor) -> tuple[Tensor, Tensor]:
-        return (self._cumulative[row] <= uniform).sum(-1), self._reward.take(row)
+        return successor(self._cumulative[row], uniform), self._reward.take(row)
 
     def truth(self, objective: str, window: int) -> ContinuingTruth:
         """g*, π*, its occupancy, and r.
