@@ -78,10 +78,11 @@ def median(values: Tensor) -> Tensor:
 def best_model(mse: Tensor) -> Tensor:
     """Index of the locally best model (16) for proxies [..., M, N]; on ties the reference wins; [..., N]."""
     agree(mse=(mse, "M N"))
-    least, best = mse[..., 0, :], torch.zeros_like(mse[..., 0, :], dtype=torch.int64)
-    for index in range(1, mse.shape[-2]):  # argmin over an inner dimension is several times slower
-        better = mse[..., index, :] < least
-        least, best = torch.where(better, mse[..., index, :], least), best.masked_fill(better, index)
+    least, *others = mse.unbind(-2)
+    best = torch.zeros_like(least, dtype=torch.int64)
+    for index, error in enumerate(others, 1):  # argmin over an inner dimension is several times slower
+        better = error < least
+        least, best = torch.where(better, error, least), best.masked_fill(better, index)
     return best
 
 
