@@ -7,7 +7,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from credit.core.compiled import usable
 from credit.core.tensors import matvec
+from credit.planning import loops
 
 # The average reward for all that data can tell, and unlike γ = 1 it has one solution where a model falls apart into
 # several recurrent classes (self-loops, zero rows).
@@ -15,6 +17,8 @@ NEARLY_ONE = 1 - 1e-6
 
 # Two action values this close are tied, and the first action wins: rounding may then differ between batch sizes.
 TIE = 1e-9
+
+SWEEPS = 100  # most evaluations of policy iteration
 
 
 class Plan(NamedTuple):
@@ -27,7 +31,7 @@ class Plan(NamedTuple):
 
 
 def policy_iteration(
-    transition: Tensor, reward: Tensor, discount: float = 1.0, policy: Tensor | None = None, sweeps: int = 100
+    transition: Tensor, reward: Tensor, discount: float = 1.0, policy: Tensor | None = None, sweeps: int = SWEEPS
 ) -> Plan:
     """Howard's policy iteration for the average reward (discount 1) or the discounted return.
 
@@ -70,6 +74,15 @@ def policy_iteration(
             break
         policy = torch.where(better, _first(values, best - tolerance), policy)
     return Plan(gain, solution, policy, values)
+
+
+def best_policy(transition: Tensor, reward: Tensor, discount: float, policy: Tensor) -> Tensor:
+    """The policy of `policy_iteration` at γ < 1, from a first one [R, S] on."""
+    if not usable(reward):
+        return policy_iteration(transition, reward, discount, policy).policy
+    policy = policy.clone()
+    loops.improve(transition, reward.contiguous(), policy, discount, TIE, SWEEPS)
+    return policy
 
 
 def first_best(values: Tensor, tolerance: float = TIE) -> Tensor:
