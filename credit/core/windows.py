@@ -150,7 +150,8 @@ class Windows(Steps):
     def grid(self, values: Tensor) -> Tensor:
         """What rows have [R, n, ...], as [R, K, T, ...] in the same memory; only where all windows have T steps."""
         assert self.length is not None, "windows of different lengths have no grid"
-        return values.unflatten(1, (-1, self.length))
+        replicas, rows, *rest = values.shape
+        return values.view(replicas, rows // self.length, self.length, *rest)
 
     def to_steps(self, values: Tensor) -> Tensor:
         """What a window has [R, K], for each of its rows [R, n]; 0 for rows that are in none."""

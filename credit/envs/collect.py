@@ -11,7 +11,7 @@ from torch import Tensor
 from credit.core.errors import RunError, UserError
 from credit.core.policy import Policy
 from credit.core.problem import FLOAT, Problem
-from credit.core.seams import Act, Environment, Evaluated, Evaluation, Feedback
+from credit.core.seams import Act, Agent, Environment, Evaluated, Evaluation, Feedback
 from credit.core.state import Stateful
 from credit.core.windows import Windows
 from credit.envs.episodes import Track, World, first_states, joined, over, play, ticks
@@ -101,6 +101,8 @@ class Collector(Stateful):
 
     def _run(self, policy: Act, world: World, windows: int, steps: int) -> tuple[Tensor, ...]:
         """Rows [R, windows·K·T, ...] of every column; what the hot path of tables is."""
+        if (followed := self._follow(policy, world, windows, steps)) is not None:
+            return followed
         track, act, reads = Track(), policy.act, self._feedback.reads
         step, episodic, now = world.env.step, self._problem.episodic, world.now
         clock = world.ticks[:steps]
@@ -126,6 +128,20 @@ class Collector(Stateful):
             torch.cat(column, 1) if one else torch.stack(column, 2).flatten(1, 2) for column in columns
         )
         return states, actions, arrivals, rewards.to(FLOAT), seen.to(FLOAT)
+
+    def _follow(self, policy: Act, world: World, windows: int, steps: int) -> tuple[Tensor, ...] | None:
+        """The same rows from an environment that can follow a table for whole windows; None elsewhere."""
+        whole = steps == self._problem.window and self._feedback.reads is None and not self._problem.episodic
+        if not (whole and isinstance(policy, Agent) and world.env.follows):
+            return None
+        table = policy.table()
+        if table is None:
+            return None
+        if world.now is None:
+            first_states(world, self._problem)
+        states, actions, arrivals, rewards = world.env.follow(table, windows)
+        world.now, rewards = arrivals[:, -1:], rewards.to(FLOAT)
+        return states, actions, arrivals, rewards, rewards
 
     def _episodes(self, policy: Act, windows: int, steps: int | None) -> tuple[Windows, Tensor]:
         """Episodes of any length."""

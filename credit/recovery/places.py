@@ -30,17 +30,21 @@ class Table(Places):
         self.cells: Cells = cells
         self.steps = cells.steps(problem.device)
         self._visits = problem.zeros(cells.count)
+        self._newest: tuple[Windows, Tensor] | None = None  # and the cells of their rows: all models ask for them
 
     def look(self, features: Callable[[Steps], Tensor]) -> TableLook:
         """φ of all cells, once."""
-        return TableLook(self.cells, features(self.steps))
+        return TableLook(self, features(self.steps))
 
     def extend(self, store: Store) -> None:
         """Count visits."""
-        self._visits.scatter_add_(1, self.index(store.new), store.new.once)
+        self._newest = store.new, self.cells.index(store.new)
+        self._visits.scatter_add_(1, self._newest[1], store.new.once)
 
     def index(self, windows: Windows) -> Tensor:
         """The cell of every row [R, n]."""
+        if self._newest is not None and windows is self._newest[0]:
+            return self._newest[1]
         return self.cells.index(windows)
 
     @property
@@ -54,7 +58,7 @@ class TableLook(Look):
 
     keeps: ClassVar = ()
 
-    def __init__(self, cells: Cells, table: Tensor) -> None:
+    def __init__(self, cells: Table, table: Tensor) -> None:
         self._cells, self.table = cells, table
 
     def places(self, at: Tensor | None = None) -> Tensor:

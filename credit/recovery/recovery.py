@@ -246,6 +246,8 @@ class Recovery(CreditAssigner):
 
 
 def _as(estimate: Estimate, kind: torch.dtype) -> Estimate:
+    if all(part is None or part.dtype == kind for part in (estimate.mean, estimate.variance, estimate.draws)):
+        return estimate
     draws = None if estimate.draws is None else estimate.draws.to(kind)
     return Estimate(estimate.mean.to(kind), estimate.variance.to(kind), draws)
 

@@ -20,7 +20,7 @@ from credit.core.version import __version__
 
 FLUSH_SECONDS = 1.0
 SECONDS = "time/seconds"
-PACKAGES = ("torch", "numpy", "gymnasium", "hydra-core", "mlflow")
+PACKAGES = ("torch", "numpy", "numba", "gymnasium", "hydra-core", "mlflow")
 
 
 class Journal:
