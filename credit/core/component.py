@@ -36,15 +36,14 @@ class Component(Stateful, ABC):
         """Constructors refuse what their signatures do not allow, whoever calls them."""
         super().__init_subclass__(**kwargs)
         if "__init__" in vars(cls):
-            cls.__init__ = _checked(cls)  # type: ignore[method-assign]
+            cls.__init__ = ranged(cls.__init__)  # type: ignore[method-assign]
 
     def learn(self, knowledge: Any) -> None:
         """Take what the environment knows, an instance of `knows`; called before `start`, where `knows` is set."""
 
 
-def _checked(cls: type) -> Callable[..., None]:
-    """The constructor of a class, which looks at its arguments first; its signature stays what it is."""
-    constructor: Callable[..., None] = vars(cls)["__init__"]
+def ranged(constructor: Callable[..., None]) -> Callable[..., None]:
+    """A constructor that refuses what its signature does not allow; the signature stays what it is."""
     shape = inspect.signature(constructor)
 
     @wraps(constructor)
@@ -52,8 +51,7 @@ def _checked(cls: type) -> Callable[..., None]:
         from credit.core import signatures  # which knows components
 
         with suppress(TypeError):  # of arguments that do not fit at all: the constructor says so itself
-            given = shape.bind(self, *args, **kwargs).arguments
-            signatures.check(cls, given)
+            signatures.check(constructor, type(self).__name__, shape.bind(self, *args, **kwargs).arguments)
         constructor(self, *args, **kwargs)
 
     return made

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any
 
@@ -28,10 +28,9 @@ def signature(cls: type) -> dict[str, tuple[Any, Any]]:
 
 def component_kind(hint: Any) -> type[Component] | None:
     """The component class that a parameter wants: itself, `X | None`, or the values of a mapping."""
-    for part in (hint, *typing.get_args(hint)):
-        if isinstance(part, type) and issubclass(part, Component):
-            return part
-    return None
+    if isinstance(hint, type) and issubclass(hint, Component):
+        return hint
+    return next(filter(None, map(component_kind, typing.get_args(hint))), None)
 
 
 def takes_several(hint: Any) -> bool:
@@ -40,26 +39,24 @@ def takes_several(hint: Any) -> bool:
     return any(isinstance(origin, type) and issubclass(origin, Mapping) for origin in origins)
 
 
-def check(cls: type, given: Mapping[str, Any]) -> None:
-    """Refuse arguments outside of what a constructor's signature allows: numbers out of range, words of no choice.
+def check(constructor: Callable[..., None], name: str, given: Mapping[str, Any]) -> None:
+    """Refuse arguments outside of what a signature allows: numbers out of range, words of no choice.
 
     Args:
-        cls: whose constructor. given: name → argument; what has no range or choice is not looked at.
+        constructor: whose signature. name: of the class. given: name → argument; what has no range is not looked at.
 
     Raises:
         UserError: with class, name and value, and what is allowed.
     """
     from pydantic import ValidationError
 
-    for name, hint in _ranged(cls).items():
-        if name in given:
+    for key, hint in _ranged(constructor).items():
+        if key in given:
             try:
-                adapter(hint).validate_python(given[name])
+                adapter(hint).validate_python(given[key])
             except ValidationError as error:
                 reason = error.errors()[0]["msg"]
-                raise UserError(
-                    f"{cls.__name__}({name}={given[name]!r}): {reason}; allowed: {describe(hint)}"
-                ) from None
+                raise UserError(f"{name}({key}={given[key]!r}): {reason}; allowed: {describe(hint)}") from None
 
 
 @cache
@@ -71,9 +68,13 @@ def adapter(hint: Any) -> Any:
 
 
 @cache
-def _ranged(cls: type) -> dict[str, Any]:
-    """Parameters with a range or a choice: name → hint."""
-    return {name: hint for name, (hint, _) in signature(cls).items() if _limited(hint)}
+def _ranged(constructor: Callable[..., None]) -> dict[str, Any]:
+    """Parameters with a range or a choice: name → hint; none where hints cannot be read."""
+    try:
+        hints = typing.get_type_hints(constructor, include_extras=True)
+    except NameError:  # of a name that is there for type checkers alone
+        return {}
+    return {name: hint for name, hint in hints.items() if name != "return" and _limited(hint)}
 
 
 def _limited(hint: Any) -> bool:

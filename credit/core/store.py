@@ -25,6 +25,9 @@ def put(block: Tensor, part: Tensor, starts: Sequence[int], counts: Sequence[int
 ROWS = ("states", "actions", "next_states", "step", "ended", "terminated", "primitive")  # columns of a row
 
 
+EMPTY = "this store has no windows yet: append some first"
+
+
 class Store(Stateful):
     """All labelled windows of R replicas; `new` are those of the last append, `windows` all of them, as views.
 
@@ -105,12 +108,18 @@ class Store(Stateful):
             UserError: there was none.
         """
         if self._new is None:
-            raise UserError("this store has no windows yet: append some first")
+            raise UserError(EMPTY)
         return self._new
 
     @property
     def windows(self) -> Windows:
-        """All windows, as views."""
+        """All windows, as views.
+
+        Raises:
+            UserError: there were none.
+        """
+        if not self._columns:
+            raise UserError(EMPTY)
         rows = int(self._rows.max()) if self._level is None else self._level
         columns: dict[str, Any] = {name: block[:, :rows] for name, block in self._columns.items()}
         labels = self._labels[:, : self._windows]

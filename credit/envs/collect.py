@@ -134,6 +134,8 @@ class Collector(Stateful):
         whole = steps == self._problem.window and self._feedback.reads is None and not self._problem.episodic
         if not (whole and isinstance(policy, Agent) and world.env.follows):
             return None
+        if not (speaks_for(policy, "table", "act") and speaks_for(world.env, "follow", "step", "_draw")):
+            return None  # an heir does something else
         table = policy.table()
         if table is None:
             return None
@@ -166,6 +168,23 @@ class Collector(Stateful):
                 env.start(self._problem, count, f"environment, {count} at once")
             self._worlds[count] = World(env, ticks(self._problem, count))
         return self._worlds[count]
+
+
+def speaks_for(part: object, quick: str, *slow: str) -> bool:
+    """Whether a method stands for others: no class below the one that defines it defines one of them anew.
+
+    Example:
+        >>> class Mine(ValueIteration):
+        ...     def act(self, states, step): ...
+        >>> speaks_for(Mine(transition), "table", "act")
+        False
+    """
+    for cls in type(part).__mro__:
+        if quick in vars(cls):
+            return True
+        if any(name in vars(cls) for name in slow):
+            return False
+    return False
 
 
 class Apart(Evaluation):

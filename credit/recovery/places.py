@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from credit.core.cells import Cells
+from credit.core.errors import UserError
 from credit.core.problem import Problem
 from credit.core.seams import Look, Places
 from credit.core.steps import Steps
@@ -78,6 +79,7 @@ class Rows(Places):
     def __init__(self, problem: Problem) -> None:
         self._looks: list[RowLook] = []
         self._counts, self._before = [0] * problem.replicas, [0] * problem.replicas
+        self._store: Store | None = None  # whose rows they are, since the last of them came
 
     def look(self, features: Callable[[Steps], Tensor]) -> RowLook:
         """φ of all rows to come."""
@@ -86,7 +88,7 @@ class Rows(Places):
 
     def extend(self, store: Store) -> None:
         """Compute φ of the newest rows, once."""
-        new = store.new
+        self._store, new = store, store.new
         added = [len(new)] * len(self._counts) if new.count is None else new.count.tolist()
         self._before, self._counts = self._counts, [sum(pair) for pair in zip(self._counts, added, strict=True)]
         for look in self._looks:
@@ -96,19 +98,30 @@ class Rows(Places):
         """The row itself, or where the newest rows went [R, n].
 
         Raises:
-            ValueError: these are neither the newest windows nor all.
+            UserError: these are neither the newest windows nor all.
         """
         row, shape = torch.arange(len(windows), device=windows.labels.device), windows.states.shape[:2]
-        if len(windows) == max(self._counts):
+        if len(windows) == max(self._counts) and (self._store is None or _same(windows, self._store.windows)):
             return row.expand(shape)
-        if len(windows) != max(now - then for now, then in zip(self._counts, self._before, strict=True)):
-            raise ValueError(f"{len(windows)} rows are neither the newest ones nor all {max(self._counts)}")
+        newest = max(now - then for now, then in zip(self._counts, self._before, strict=True))
+        if len(windows) != newest or not (self._store is None or _same(windows, self._store.new)):
+            raise UserError(
+                f"these {len(windows)} rows are neither all {max(self._counts)} that were learned from nor the newest "
+                f"{newest}, and each has its own reward; ask `believe(steps)` about other steps"
+            )
         return row + torch.tensor(self._before, device=row.device).unsqueeze(1)
 
     @property
     def counts(self) -> list[int]:
         """Rows of each replica."""
         return self._counts
+
+
+def _same(one: Windows, other: Windows) -> bool:
+    """Whether windows have the same rows; at a glance where they lie in the same memory."""
+    if one.states.data_ptr() == other.states.data_ptr():
+        return True
+    return torch.equal(one.states, other.states) and torch.equal(one.actions, other.actions)
 
 
 class RowLook(Look):

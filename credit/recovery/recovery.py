@@ -34,7 +34,7 @@ class Recovery(CreditAssigner):
 
     Args:
         reference: the flexible model.
-        surrogates: name → structured model; may be empty.
+        surrogates: name → structured model; None for no one.
         mixer: MSE proxies → weights; None for relative MSE (14) with its defaults.
         bonus: name → what optimism adds, or one; their sum is the bonus.
         scaler: how the mixed reward is scaled for the agent; optimism is added after it, in its unit.
@@ -49,12 +49,12 @@ class Recovery(CreditAssigner):
     def __init__(
         self,
         reference: RewardModel,
-        surrogates: Mapping[str, RewardModel] = {},
+        surrogates: Mapping[str, RewardModel] | None = None,
         mixer: Mixer | None = None,
         bonus: Mapping[str, Bonus] | Bonus | None = None,
         scaler: Scaler | None = None,
     ) -> None:
-        self.reference, self.surrogates = reference, dict(surrogates)
+        self.reference, self.surrogates = reference, dict(surrogates or {})
         self.models = [reference, *self.surrogates.values()]
         self.mixer = RelativeMSE() if mixer is None else mixer
         self.bonus = {"bonus": bonus} if isinstance(bonus, Bonus) else dict(bonus or {})
@@ -163,8 +163,13 @@ class Recovery(CreditAssigner):
         return self._with_bonuses(self._mixed(estimates, visits), steps)
 
     def rewards(self, windows: Windows) -> Tensor:
-        """r_plan of every row [R, n] of the newest windows, or of all: the scaled mixed reward, and optimism."""
-        assert self._rewards is not None
+        """r_plan of every row [R, n] of the newest windows, or of all: the scaled mixed reward, and optimism.
+
+        Raises:
+            UserError: there were no windows yet; or these are others, where each row has a reward of its own.
+        """
+        if self._rewards is None:
+            raise UserError("this recovery has seen no windows yet: `observe` a store of them, or `fit` to some, first")
         return self._rewards.gather(1, self._places.index(windows))
 
     def table(self) -> tuple[Cells, Tensor, Tensor] | None:

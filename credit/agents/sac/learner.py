@@ -13,6 +13,7 @@ from torch import Tensor
 from credit.agents.sac.loss import Compiled, Gradients, Terms, entropy_room, losses
 from credit.agents.sac.networks import CRITICS, encoded
 from credit.agents.sac.policy import Policy
+from credit.core.component import ranged
 from credit.core.draws import Draws
 from credit.core.errors import RunError, UserError
 from credit.core.problem import Problem
@@ -70,6 +71,7 @@ class Learner(Stateful):
         *("_noise", "_exploration", "count"),
     )
 
+    @ranged
     def __init__(
         self,
         width: PositiveInt = 64,
