@@ -96,6 +96,12 @@ class Check:
                 if answers := _gone(path, value):
                     self.problems += answers
                     continue
+                if is_component(value) and prefix == f"{slot}.":
+                    self.problems.append(
+                        f"{path}: {slot} is one {cls.__name__} already, and several need a name each; its file begins "
+                        f"with the line `# @package {slot}.NAME`"
+                    )
+                    continue
                 shown = "" if isinstance(value, Mapping) else f" (value {value!r})"
                 self.problems.append(f"{path}: unknown key{shown}; {nearest(key, [*hints, *extra_names])}")
                 continue
