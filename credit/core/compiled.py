@@ -38,7 +38,7 @@ class Loop:
         """What the function makes of tensors on the processor, which it sees as arrays, and numbers."""
         if self._compiled is None:
             self._compiled = _compile(self.function)
-        return self._compiled(*(value.numpy() if isinstance(value, Tensor) else value for value in given))
+        return self._compiled(*[value.numpy() if isinstance(value, Tensor) else value for value in given])
 
 
 def usable(tensor: Tensor) -> bool:
