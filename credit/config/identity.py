@@ -45,15 +45,18 @@ def described(node: Any) -> Any:
 
 
 def registered_name(cls: type) -> str:
-    """The one name of a class within its kind, wherever it is defined: `local_mse`; `package:name` for other packages.
+    """The one name of a class within its kind: `local_mse`, wherever credit defines it; `package:name` for others.
+
+    Who moves credit's classes keeps their names apart. Another package may have two of one name, so the modules below
+    it count there: `shop:coarse.season`.
 
     Example:
         >>> registered_name(LocalMSE)
         'local_mse'
     """
     name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", cls.__name__).lower()
-    package = cls.__module__.partition(".")[0]
-    return name if package == "credit" else f"{package}:{name}"
+    package, _, module = cls.__module__.partition(".")
+    return name if package == "credit" else f"{package}:{module}{'.' * bool(module)}{name}"
 
 
 def plain(value: Any) -> Any:

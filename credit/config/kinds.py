@@ -61,6 +61,7 @@ KINDS = {
     "scaler": Kind("credit.core.seams:Scaler", ("scaler",), "how a pseudo-reward is scaled and clipped"),
     "tracking": Kind("credit.tracking:Tracking", ("tracking",), "where runs are mirrored"),
 }
+SLOTS = {slot: kind for kind, entry in KINDS.items() for slot in entry.slots}  # slot → its kind
 CHOICES = {  # folders that choose among the kinds, and build nothing themselves
     "method": "a credit assigner and an agent, by the name it has in tables",
     "experiment": "an environment, its feedback, models and horizon",

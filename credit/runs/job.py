@@ -139,18 +139,20 @@ def split(config: Mapping[str, Any], parent: Path) -> tuple[list[int], list[int]
     """
     todo: list[int] = []
     done: list[int] = []
-    for seed in Job.of(config).seeds:
-        folder = parent / f"seed-{seed}"
-        if config["rerun"] or not (folder / "config.yaml").exists():
-            todo.append(seed)
+    asked = [parent / f"seed-{seed}" for seed in Job.of(config).seeds]
+    replaced, right = asked if config["rerun"] else [], set[bytes]()
+    for file in sorted(parent.glob("seed-*/config.yaml")):
+        if file.parent in replaced or (text := file.read_bytes()) in right:
             continue
-        earlier = read(folder)
+        earlier = read(file.parent)
         if identity(earlier) != identity(config):
             raise UserError(
-                f"{folder} holds a run of another configuration: {'; '.join(differences(earlier, config))}. "
-                "Nothing was overwritten. Use another output=…, or rerun=true to replace it"
+                f"{file.parent} holds a run of another configuration: {'; '.join(differences(earlier, config))}. "
+                "Nothing was overwritten. Use another output=…, or rerun=true with all seeds there to replace them"
             )
-        (done if (folder / "DONE").exists() else todo).append(seed)
+        right.add(text)
+    for seed, folder in zip(Job.of(config).seeds, asked, strict=True):
+        (done if folder not in replaced and (folder / "DONE").exists() else todo).append(seed)
     return todo, done
 
 

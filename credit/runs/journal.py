@@ -154,6 +154,31 @@ def write_atomically(path: Path, text: str) -> None:
         raise
 
 
+def settle(folder: Path) -> None:
+    """Make the files of a folder, and their names, last through a power cut."""
+    for path in [*(file for file in folder.iterdir() if file.is_file()), folder]:
+        handle = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """What a JSON file of ours says.
+
+    Raises:
+        UserError: it is damaged. OSError: it cannot be read.
+    """
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError:
+        found = None
+    if not isinstance(found, dict):
+        raise UserError(f"{path}: damaged; restore it, or move {path.parent} away")
+    return found
+
+
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write a JSON file atomically; NaN becomes null."""
     write_atomically(path, json.dumps(_finite(content), indent=2, ensure_ascii=False) + "\n")

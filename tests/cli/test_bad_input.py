@@ -37,7 +37,7 @@ CASES = {
         (TRAIN, "-m", "method=delayed,random", "mixer.alpha=.1,.3"),
         ["'mixer.alpha=0.1' has no effect", "'mixer.alpha=0.3' has no effect", "adaptive_mse"],
     ),
-    "a role": ((TRAIN, "choose.planner=q_learning"), ["choose", "experiment's file", "agent=<option>"]),
+    "a role": ((TRAIN, "choose.planner=q_learning"), ["choose", "not for the command line", "agent=<option>"]),
     "a default of an option": ((TRAIN, "+defaults_for.x=1"), ["defaults_for", "mixer.alpha=.3"]),
     "wrong type": ((TRAIN, "mixer.alpha=abc"), ["mixer.alpha='abc'", "number", "float > 0"]),
     "wrong type in a list": ((TRAIN, "env.interaction=[0,x]"), ["env.interaction", "'x'", "list of float"]),
