@@ -9,11 +9,13 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from typing import Any
 
 from credit.config import schema
 from credit.config.kinds import CIRCUMSTANCES, KINDS
+from credit.core.errors import UserError
 from credit.core.signatures import REQUIRED, signature
 from credit.renamed import translated
 
@@ -45,18 +47,32 @@ def described(node: Any) -> Any:
 
 
 def registered_name(cls: type) -> str:
-    """The one name of a class within its kind: `local_mse`, wherever credit defines it; `package:name` for others.
-
-    Who moves credit's classes keeps their names apart. Another package may have two of one name, so the modules below
-    it count there: `shop:coarse.season`.
+    """The one name of a class within its kind, wherever it is defined: `local_mse`; `package:name` for other packages.
 
     Example:
         >>> registered_name(LocalMSE)
         'local_mse'
     """
     name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", cls.__name__).lower()
-    package, _, module = cls.__module__.partition(".")
-    return name if package == "credit" else f"{package}:{module}{'.' * bool(module)}{name}"
+    package = cls.__module__.partition(".")[0]
+    return name if package == "credit" else f"{package}:{name}"
+
+
+def namesakes(one: Any, other: Any) -> Iterator[tuple[str, str]]:
+    """Targets of two configurations with one identity that are two classes all the same; one that moved is not there.
+
+    Args:
+        one, other: nodes of configurations.
+    """
+    if not (isinstance(one, Mapping) and isinstance(other, Mapping)):
+        return
+    targets = str(one.get("_target_")), str(other.get("_target_"))
+    if targets[0] != targets[1]:
+        with suppress(UserError):
+            if schema.resolve("", one) is not schema.resolve("", other):
+                yield targets
+    for key in one.keys() & other.keys():
+        yield from namesakes(one[key], other[key])
 
 
 def plain(value: Any) -> Any:

@@ -12,7 +12,7 @@ import torch
 import yaml
 
 from credit.config import fitting, schema
-from credit.config.identity import identity
+from credit.config.identity import identity, namesakes
 from credit.config.kinds import CIRCUMSTANCES, KINDS
 from credit.core.errors import Misfit, UserError
 from credit.core.ranges import NonNegative, NonNegativeInt, PositiveInt
@@ -149,6 +149,11 @@ def split(config: Mapping[str, Any], parent: Path) -> tuple[list[int], list[int]
             raise UserError(
                 f"{file.parent} holds a run of another configuration: {'; '.join(differences(earlier, config))}. "
                 "Nothing was overwritten. Use another output=…, or rerun=true with all seeds there to replace them"
+            )
+        if twins := next(namesakes(earlier, config), None):
+            raise UserError(
+                f"{file.parent} holds a run of {twins[0]}, and this is one of {twins[1]}: two classes of one name and "
+                "package are one part to a run's identity; rename one of them. Nothing was overwritten"
             )
         right.add(text)
     for seed, folder in zip(Job.of(config).seeds, asked, strict=True):

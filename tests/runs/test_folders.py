@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 import credit
-from credit.config.identity import registered_name
+from credit.config import schema
+from credit.config.identity import namesakes, registered_name
 from credit.core.errors import UserError
 from credit.recovery.bonuses import Count
 from credit.runs.journal import read_json
@@ -46,9 +47,22 @@ def test_names_that_look_the_same_are_two_folders() -> None:
     assert one.startswith("reference.name=a-b,trainer.steps=70-")
 
 
-def test_classes_of_other_packages_are_told_apart_by_their_modules() -> None:
-    classes = [type("Season", (Count,), {"__module__": name}) for name in ("shop", "shop.coarse", "shop.fine")]
-    assert list(map(registered_name, classes)) == ["shop:season", "shop:coarse.season", "shop:fine.season"]
+def test_two_classes_of_one_name_are_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    coarse, fine = (type("Season", (Count,), {"__module__": f"shop.{name}"}) for name in ("coarse", "fine"))
+    known = {"shop.coarse.Season": coarse, "shop.fine.Season": fine, "shop.moved.Season": fine}
+
+    def resolve(path: str, node: dict[str, str]) -> type:
+        if node["_target_"] not in known:
+            raise UserError("it is gone")
+        return known[node["_target_"]]
+
+    monkeypatch.setattr(schema, "resolve", resolve)
+    nodes = {name: {"bonus": {"count": {"_target_": name}}} for name in (*known, "shop.gone.Season")}
+    assert registered_name(coarse) == registered_name(fine) == "shop:season"
+    two = ("shop.coarse.Season", "shop.fine.Season")
+    assert list(namesakes(nodes[two[0]], nodes[two[1]])) == [two]
+    assert not list(namesakes(nodes[two[1]], nodes["shop.moved.Season"]))
+    assert not list(namesakes(nodes["shop.gone.Season"], nodes[two[1]]))  # it moved
 
 
 def test_folders_that_are_no_runs_are_left_alone(tmp_path: Path) -> None:
