@@ -26,9 +26,8 @@ class Interval(NamedTuple):
 
     @property
     def excludes_zero(self) -> bool:
-        """Whether zero lies outside the interval; false where there is none, or where it has no width: two seeds that
-        say the same tell nothing of a third."""
-        return bool((self.low > 0 or self.high < 0) and self.low < self.high)
+        """Whether zero lies outside the interval; false where there is no interval."""
+        return bool(self.low > 0 or self.high < 0)
 
 
 def mean_and_error(scores: ArrayLike) -> tuple[float, float]:
