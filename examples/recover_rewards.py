@@ -9,7 +9,6 @@ import numpy as np
 import torch
 
 from credit.core.problem import Problem
-from credit.core.store import Store
 from credit.core.windows import Windows
 from credit.recovery.bonuses import Disagreement
 from credit.recovery.features.tabular import Bilinear, Identity
@@ -44,10 +43,7 @@ def main() -> None:
         mixer=RelativeMSE(),
         bonus={"disagreement": Disagreement(scale=1.0)},
     )
-    recovery.start(problem)
-    store = Store(problem)
-    store.append(windows)
-    recovery.observe(store)
+    recovery.fit(windows, problem)
 
     belief = recovery.belief()  # of every cell [1, ..., N], N = stocks × prices
     assert belief is not None

@@ -13,7 +13,6 @@ from torch import Tensor
 from credit.core.problem import Problem
 from credit.core.seams import FeatureMap
 from credit.core.steps import Steps
-from credit.core.store import Store
 from credit.core.windows import Episode, Windows
 from credit.recovery.features.motion import Motion
 from credit.recovery.mixers import RelativeMSE
@@ -62,11 +61,7 @@ def main() -> dict[str, float]:
     problem = Problem.vectors(observations=4, actions=2, window=10, seeds=(0,))
     reference = NeuralModel("network", Motion(), LastLayer(noise=0.05), width=16, stride=1, first_steps=800)
     surrogates = {"speed": LinearModel("speed", Speed(), Analytic(noise=None), regularization=0.01)}
-    recovery = Recovery(reference, surrogates, RelativeMSE(alpha=0.1), bonus={})
-    store = Store(problem)
-    recovery.start(problem)
-    store.append(windows)
-    recovery.observe(store)
+    recovery = Recovery(reference, surrogates, RelativeMSE(alpha=0.1)).fit(windows, problem)
 
     rewards, true = recovery.rewards(windows)[0], worth(windows.states, windows.actions)[0]
     correlation = torch.corrcoef(torch.stack([rewards, true]))[0, 1]

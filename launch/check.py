@@ -1,4 +1,4 @@
-"""`credit check`: compose and check a configuration, build nothing."""
+"""`credit check`: compose and check a configuration, write nothing."""
 
 import sys
 

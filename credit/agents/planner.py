@@ -67,6 +67,10 @@ class Planner(Agent):
         """The optimistic policy."""
         return self._follow(self._actions)
 
+    def table(self) -> Tensor | None:
+        """The plan, where it is the same in every step."""
+        return self._actions if self._actions.dim() == 2 else None
+
     def _follow(self, actions: Tensor) -> TablePolicy:
         return TablePolicy(actions, self._problem.actions)
 

@@ -51,8 +51,7 @@ class Numbers(Policy, Stateful):
 
     def act(self, states: Tensor, step: Tensor) -> Tensor:
         """One draw for each copy."""
-        uniform = torch.cat([self._stream.next() for _ in range(states.shape[1])], dim=1)
-        return (uniform * self._count).to(torch.int64)
+        return (self._stream.several(states.shape[1]) * self._count).to(torch.int64)
 
     def probabilities(self, states: Tensor, step: int) -> Tensor:
         """1/A for every action, without memory of its own."""

@@ -12,7 +12,7 @@ from credit.agents.planner import Planner
 from credit.core.cells import Cells
 from credit.core.problem import Problem
 from credit.core.seams import TransitionTable
-from credit.planning.solve import NEARLY_ONE, policy_iteration
+from credit.planning.solve import NEARLY_ONE, best_policy
 
 
 class ValueIteration(Planner):
@@ -42,4 +42,4 @@ class ValueIteration(Planner):
         if cells.arrival:
             table = self.transition.backup(arrival)
         discount = min(self.discount, NEARLY_ONE)
-        return policy_iteration(self._model.probabilities(), table, discount, self._actions).policy
+        return best_policy(self._model.probabilities(), table, discount, self._actions)

@@ -9,9 +9,10 @@ from typing import Any
 
 from credit.cli.common import Words
 from credit.cli.main import guarded
-from credit.config import files, schema, signatures
+from credit.config import files, schema
 from credit.config.kinds import CHOICES, KINDS
 from credit.config.layers import Layer
+from credit.core import signatures
 from credit.core.errors import UserError, nearest
 from credit.renamed import instead
 

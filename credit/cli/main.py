@@ -15,7 +15,7 @@ COMMANDS = {
     "resume": ("DIR", "finish a run or a sweep from its folder alone"),
     "compare": ("[overrides]", "tables, intervals and figures from finished runs"),
     "list": ("[KIND]", "every registered component: name, one line, parameters with their defaults"),
-    "check": ("[overrides]", "compose and check a configuration, build nothing"),
+    "check": ("[overrides]", "compose and check a configuration, write nothing"),
     "sync": ("[DIR]", "upload to MLflow what it lacks of earlier sessions"),
     "dashboard": ("", "MLflow's UI on the project's store, on 127.0.0.1"),
     "bench": ("[NAME]", "speed and memory against peers, as ratios within one run"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 from credit.cli.common import Words
 from credit.cli.main import guarded
 from credit.core.errors import UserError
+from credit.runs.journal import read_json
 
 USAGE = """usage: credit resume DIR
 
@@ -39,7 +39,7 @@ def _session(folder: Path) -> int:
     from credit.cli import train
     from credit.runs import job
 
-    facts = json.loads((folder / "session.json").read_text(encoding="utf-8"))
+    facts = read_json(folder / "session.json")
     command, *argv = facts["argv"]
     if command != "train":
         raise UserError(

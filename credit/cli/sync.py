@@ -8,7 +8,7 @@ from pathlib import Path
 
 from credit.cli.main import guarded
 from credit.core.errors import UserError
-from credit.tracking.sessions import all_sessions, lives, pending, store_of
+from credit.tracking.sessions import all_sessions, damaged, lives, pending, store_of
 from credit.tracking.store import quiet_environment
 
 HELP = """\
@@ -56,9 +56,12 @@ def sync(folder: Path) -> int:
     chosen = [folder] if single else [*filter(lives, all_sessions(output)), *pending(output)]
     failing: set[str] = set()
     worked = [_sync(session, output, failing) for session in chosen]
-    if not chosen:
+    unread = [] if single else damaged(output)
+    for line in unread:
+        print(line, file=sys.stderr)
+    if not chosen and not unread:
         print(f"nothing to upload: MLflow has everything of the sessions in {folder}")
-    return 0 if all(worked) else 1
+    return 0 if all(worked) and not unread else 1
 
 
 def _sync(session: Path, output: Path, failing: set[str]) -> bool:

@@ -107,7 +107,7 @@ def checked_jobs(words: Words, multirun: bool) -> list[Job]:
             problems.update(dict.fromkeys(str(error).splitlines()))
             continue
         kept = [word for word in overrides if word not in without]
-        found.setdefault(json.dumps(plan(config)), (config, kept))
+        found.setdefault(json.dumps(plan(config) | {"slug": None}), (config, kept))  # one run may be typed in two ways
         useful.update(kept)
         useless |= {word: (slot, overrides) for word, slot in without.items()}
     for word, (slot, overrides) in useless.items():

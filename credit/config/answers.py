@@ -6,8 +6,9 @@ import re
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from credit.config import files, schema, signatures
+from credit.config import files, schema
 from credit.config.kinds import CHOICES, KINDS
+from credit.core import signatures
 from credit.core.errors import nearest
 from credit.renamed import instead
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.metadata import entry_points
@@ -75,6 +76,16 @@ def bases(kind: str, node: Mapping[str, Any]) -> list[str]:
     """The options of its own kind that a file starts from."""
     entries = [entry for entry in node.get("defaults") or () if isinstance(entry, str) and entry != "_self_"]
     return [entry.removeprefix(f"/{kind}/") for entry in entries]
+
+
+def package_of(kind: str, option: str, config_dirs: Sequence[str]) -> str | None:
+    """Where a file says that it is put, or one that it starts from; None where none of them does."""
+    path = options(kind, config_dirs).get(option)
+    if path is None:
+        return None
+    said = re.match(r"#\s*@package\s+(\S+)", path.read_text(encoding="utf-8", errors="replace"))
+    others = (base for base in bases(kind, read(path)) if base != option) if not said else ()
+    return said[1] if said else next(filter(None, (package_of(kind, base, config_dirs) for base in others)), None)
 
 
 def circular(kind: str, config_dirs: Sequence[str]) -> list[Path]:

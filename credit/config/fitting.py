@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from credit.config import files, schema
-from credit.config.kinds import KINDS
+from credit.config.kinds import KINDS, SLOTS
 from credit.core.capabilities import misfits
 from credit.core.errors import Misfit
 from credit.core.problem import Problem
-
-SLOTS = {slot: kind for kind, entry in KINDS.items() for slot in entry.slots}
 
 
 def key_of(path: str) -> str:

@@ -9,12 +9,14 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from typing import Any
 
 from credit.config import schema
 from credit.config.kinds import CIRCUMSTANCES, KINDS
-from credit.config.signatures import REQUIRED, signature
+from credit.core.errors import UserError
+from credit.core.signatures import REQUIRED, signature
 from credit.renamed import translated
 
 SLOTS = ("trainer", *(slot for kind in KINDS.values() for slot in kind.slots))
@@ -54,6 +56,23 @@ def registered_name(cls: type) -> str:
     name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", cls.__name__).lower()
     package = cls.__module__.partition(".")[0]
     return name if package == "credit" else f"{package}:{name}"
+
+
+def namesakes(one: Any, other: Any) -> Iterator[tuple[str, str]]:
+    """Targets of two configurations with one identity that are two classes all the same; one that moved is not there.
+
+    Args:
+        one, other: nodes of configurations.
+    """
+    if not (isinstance(one, Mapping) and isinstance(other, Mapping)):
+        return
+    targets = str(one.get("_target_")), str(other.get("_target_"))
+    if targets[0] != targets[1]:
+        with suppress(UserError):
+            if schema.resolve("", one) is not schema.resolve("", other):
+                yield targets
+    for key in one.keys() & other.keys():
+        yield from namesakes(one[key], other[key])
 
 
 def plain(value: Any) -> Any:

@@ -24,11 +24,15 @@ CIRCUMSTANCES = (
 
 @dataclass(frozen=True)
 class Kind:
-    """A folder of `conf/`: the class its files build (`module:name`), the slots they fill, and one line of help."""
+    """A folder of `conf/`: the class its files build (`module:name`), the slots they fill, and one line of help.
+
+    `several`: a slot holds several by name, so a file builds `SLOT.NAME` where it does not say its package.
+    """
 
     base: str
     slots: tuple[str, ...]
     help: str
+    several: bool = False
 
     def load(self) -> type:
         """The class itself; imported only when it is needed, so that `--help` stays fast."""
@@ -48,13 +52,16 @@ KINDS = {
     "features": Kind("credit.core.seams:FeatureMap", (), "what a reward model looks at"),
     "uncertainty": Kind("credit.core.seams:Uncertainty", ("uncertainty",), "how far a fit can be trusted"),
     "mixer": Kind("credit.core.seams:Mixer", ("mixer",), "MSE proxies → weights of the models"),
-    "bonus": Kind("credit.core.seams:Bonus", ("bonus",), "what optimism adds; several: bonus=[count,disagreement]"),
+    "bonus": Kind(
+        "credit.core.seams:Bonus", ("bonus",), "what optimism adds; several: bonus=[count,disagreement]", several=True
+    ),
     "assigner": Kind("credit.core.seams:CreditAssigner", ("assigner",), "windows → one reward per step"),
     "transition": Kind("credit.core.seams:Transition", ("transition",), "P̂ for planning"),
     "agent": Kind("credit.core.seams:Agent", ("agent",), "relabelled rewards → policy"),
     "scaler": Kind("credit.core.seams:Scaler", ("scaler",), "how a pseudo-reward is scaled and clipped"),
     "tracking": Kind("credit.tracking:Tracking", ("tracking",), "where runs are mirrored"),
 }
+SLOTS = {slot: kind for kind, entry in KINDS.items() for slot in entry.slots}  # slot → its kind
 CHOICES = {  # folders that choose among the kinds, and build nothing themselves
     "method": "a credit assigner and an agent, by the name it has in tables",
     "experiment": "an environment, its feedback, models and horizon",

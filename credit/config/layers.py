@@ -26,8 +26,9 @@ from hydra.core.object_type import ObjectType
 from hydra.plugins.config_source import ConfigResult
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from credit.config import files, schema, signatures
+from credit.config import files, schema
 from credit.config.kinds import KINDS
+from credit.core import signatures
 from credit.core.errors import UserError, nearest
 
 ROLE = re.compile(r"\$\{choose\.(\w+)\}")
@@ -50,10 +51,12 @@ class Layer:
 
     Attributes:
         roles: role of a method → option of a group. wishes: entries of `defaults_for`; later ones count more.
+        config_dirs: the user's folders.
     """
 
     roles: Mapping[str, str] = field(default_factory=dict)
     wishes: Sequence[Wish] = ()
+    config_dirs: Sequence[str] = ()
 
     @classmethod
     def of(cls, experiment: str, method: str, config_dirs: Sequence[str] = ()) -> Layer:
@@ -70,7 +73,7 @@ class Layer:
             entries = _mapping(node, "defaults_for", by).items()
             found = [_wish(str(name), value, by, config_dirs) for name, value in entries]
             wishes += sorted(found, key=lambda wish: not wish.option.endswith(EVERY))
-        return cls(roles, wishes)
+        return cls(roles, wishes, config_dirs)
 
     def for_file(self, option: str, node: Mapping[Any, Any]) -> list[Wish]:
         """What is wished for an option whose file says `node`."""
@@ -188,6 +191,14 @@ def _named_by_its_file(option: str, found: ConfigResult) -> None:
         found.config.setdefault(group, name)
 
 
+def _at_home(option: str, found: ConfigResult) -> None:
+    """A file of a group that holds several, `bonus=[count,ucb1]`, fills a place of its own where it says none."""
+    group, _, name = option.partition("/")
+    if group in KINDS and KINDS[group].several and found.header.get("package") is None:
+        said = files.package_of(group, name, (_LAYER.get() or _base()).config_dirs)
+        found.header["package"] = said or f"{KINDS[group].slots[0]}.{name}"
+
+
 class Shared(FileConfigSource):
     """A folder of credit, or of a package: `credit://<folder>`."""
 
@@ -203,6 +214,7 @@ class Shared(FileConfigSource):
             layer = _LAYER.get() or _base()
             layer.apply(option := config_path.removesuffix(".yaml"), found.config)
             _named_by_its_file(option, found)
+            _at_home(option, found)
         return found
 
 
@@ -221,6 +233,7 @@ class Own(FileConfigSource):
             roles = Layer((_LAYER.get() or _base()).roles)
             roles.apply(option := config_path.removesuffix(".yaml"), found.config)
             _named_by_its_file(option, found)
+            _at_home(option, found)
         return found
 
     def is_config(self, config_path: str) -> bool:

@@ -10,9 +10,10 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.types import RunMode
 from omegaconf import OmegaConf
 
-from credit.config import files, layers, registry, schema, signatures
+from credit.config import files, layers, registry, schema
 from credit.config.files import CONFIG_NAME
 from credit.config.kinds import CHOICES, KINDS
+from credit.core import signatures
 
 COMMAND_LINE = "command line"
 

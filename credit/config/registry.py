@@ -31,6 +31,8 @@ ROLES = {  # what to type instead of what only files say
     "choose": "choose the part itself: agent=<option>, assigner=<option>",
     "defaults_for": "write the key itself, such as mixer.alpha=.3",
     "names": "write title=<name>",
+    "slug": "folders are named by what differs; output=<folder> says where they lie",
+    "session": "a session names itself; output=<folder> says where it lies",
 }
 REFUSED = (HydraException, OmegaConfBaseException, YAMLError, RecursionError)  # how words and files are refused
 GENERIC = "generic"  # the experiment of an environment that has none of its own
@@ -51,7 +53,7 @@ def compose(overrides: Sequence[str] = (), config_dirs: Sequence[str] = ()) -> d
     words = with_experiment(overrides, config_dirs)
     for text in overrides:
         if (first := str(parse(text).key_or_group).partition(".")[0]) in ROLES:
-            raise UserError(f"{text!r}: {first} is what an experiment's file says; on the command line {ROLES[first]}")
+            raise UserError(f"{text!r}: {first} is not for the command line: {ROLES[first]}")
     return deepcopy(_composed(tuple(words), tuple(config_dirs), files.stamp(config_dirs)))
 
 

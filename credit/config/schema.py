@@ -14,16 +14,15 @@ from functools import cache
 from importlib.metadata import entry_points
 from typing import Any
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from credit.config import files
-from credit.config.signatures import REQUIRED, component_kind, describe, signature, takes_several
 from credit.core.component import Component
 from credit.core.errors import UserError, nearest
+from credit.core.signatures import REQUIRED, adapter, component_kind, describe, signature, takes_several
 from credit.renamed import instead, today
 
 ENTRY_POINTS = "credit.components"
-STRICT = ConfigDict(strict=True, allow_inf_nan=False)
 
 
 class Check:
@@ -97,6 +96,12 @@ class Check:
                 if answers := _gone(path, value):
                     self.problems += answers
                     continue
+                if is_component(value) and prefix == f"{slot}.":
+                    self.problems.append(
+                        f"{path}: {slot} is one {cls.__name__} already, and several need a name each; its file begins "
+                        f"with the line `# @package {slot}.NAME`"
+                    )
+                    continue
                 shown = "" if isinstance(value, Mapping) else f" (value {value!r})"
                 self.problems.append(f"{path}: unknown key{shown}; {nearest(key, [*hints, *extra_names])}")
                 continue
@@ -121,7 +126,7 @@ class Check:
 
     def _value(self, path: str, value: Any, hint: Any) -> None:
         try:
-            TypeAdapter(hint, config=STRICT).validate_python(value)
+            adapter(hint).validate_python(value)
         except ValidationError as error:
             reason = error.errors()[0]["msg"]
             self.problems.append(f"{path}={value!r}: {reason}; allowed: {describe(hint)}")

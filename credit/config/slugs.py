@@ -46,9 +46,10 @@ def slug(config: Mapping[str, Any], overrides: Sequence[str], config_dirs: Seque
             if _same(without := _base([*known, *fewer], config, config_dirs), base):
                 kept, base = fewer, without
     parts = [*map(_spelled, kept), *_differences(base, _shown(config))]
-    name = re.sub(r"[^A-Za-z0-9=._,@~+-]+", "-", re.sub(r"[\[\]'\"]", "", ",".join(sorted(parts)))).strip("-")
-    if len(name) > LONGEST:
-        name = f"{name[: LONGEST - 10]}-{zlib.crc32(name.encode()):08x}"
+    whole = re.sub(r"[\[\]'\"]", "", ",".join(sorted(parts)))
+    name = re.sub(r"[^A-Za-z0-9=._,@~+-]+", "-", whole).strip("-")
+    if name != whole or len(name) > LONGEST:  # another one may look the same
+        name = f"{name[: LONGEST - 10]}-{zlib.crc32(whole.encode()):08x}"
     return name or "default"
 
 

@@ -64,10 +64,11 @@ class Cells:
 
     def index(self, steps: Steps) -> Tensor:
         """The cell of every step, same shape."""
-        cell = torch.zeros_like(steps.states)
+        cell: Tensor | None = None
         for axis, size in zip(self.axes, self.sizes, strict=True):
-            cell = cell * size + getattr(steps, COLUMNS[axis])
-        return cell
+            column: Tensor = getattr(steps, COLUMNS[axis])
+            cell = column if cell is None else torch.add(column, cell, alpha=size)
+        return torch.zeros_like(steps.states) if cell is None else cell
 
     def steps(self, device: torch.device) -> Steps:
         """One step for every cell; what the table does not look at is 0."""

@@ -9,6 +9,8 @@ from credit.core.errors import RunError, UserError
 from credit.core.problem import Problem
 from credit.core.windows import Windows
 
+BOUND = 1 + 1e-6  # what rounding may make of an action on the border
+
 
 def check_windows(windows: Windows, problem: Problem) -> None:
     """Refuse windows that do not fit a problem: a model would take action 2 of 2 for the next state's action 0.
@@ -45,6 +47,17 @@ def check_windows(windows: Windows, problem: Problem) -> None:
     _check_column(windows, windows.next_states, "next state", state, problem, problem.observation_space.shape)
 
 
+def check_rewards(windows: Windows, rewards: Tensor, problem: Problem) -> None:
+    """Refuse rewards [R, n] of rows that are no numbers.
+
+    Raises:
+        UserError: with the first of them and where it is.
+    """
+    good = rewards.isfinite()
+    good = good if windows.valid is None else good | ~windows.valid
+    _refuse(good, rewards, "reward", "row", problem, "rewards are finite numbers")
+
+
 def require_equal_lengths(model: str, windows: Windows) -> None:
     """Refuse windows that may end early, for a reward model that lays them side by side.
 
@@ -67,6 +80,8 @@ def _check_column(
         raise UserError(f"{what}s have the shape {list(values.shape)}, and here they must have {list(wanted)}")
     if size is None:
         good, allowed = values.isfinite().flatten(2).all(-1), f"{what}s are finite numbers"
+        if what == "action":
+            good, allowed = good & (values.flatten(2).abs() <= BOUND).all(-1), "actions are numbers in [-1, 1]"
     elif values.dtype != torch.int64:
         raise UserError(f"{what}s are {values.dtype}, and here they are whole numbers, torch.int64")
     else:

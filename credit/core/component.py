@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
 from abc import ABC
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import wraps
 from typing import Any, ClassVar, Literal
 
 from credit.core.state import Stateful
@@ -29,5 +32,26 @@ class Component(Stateful, ABC):
     knows: ClassVar[type | None] = None
     sees_primitive: ClassVar[bool] = False
 
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        """Constructors refuse what their signatures do not allow, whoever calls them."""
+        super().__init_subclass__(**kwargs)
+        if "__init__" in vars(cls):
+            cls.__init__ = ranged(cls.__init__)  # type: ignore[method-assign]
+
     def learn(self, knowledge: Any) -> None:
         """Take what the environment knows, an instance of `knows`; called before `start`, where `knows` is set."""
+
+
+def ranged(constructor: Callable[..., None]) -> Callable[..., None]:
+    """A constructor that refuses what its signature does not allow; the signature stays what it is."""
+    shape = inspect.signature(constructor)
+
+    @wraps(constructor)
+    def made(self: Any, *args: Any, **kwargs: Any) -> None:
+        from credit.core import signatures  # which knows components
+
+        with suppress(TypeError):  # of arguments that do not fit at all: the constructor says so itself
+            signatures.check(constructor, type(self).__name__, shape.bind(self, *args, **kwargs).arguments)
+        constructor(self, *args, **kwargs)
+
+    return made

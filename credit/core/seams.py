@@ -262,6 +262,10 @@ class Agent(Component):
         """What `act` follows now, exploration included; by default the behaviour."""
         return self.policies()["behaviour"]
 
+    def table(self) -> Tensor | None:
+        """One action for every state [R, S], where to look it up is all that `act` does until `improve`; else None."""
+        return None
+
     def diagnostics(self) -> dict[str, Tensor]:
         """What the last improvement came to: name → [R], for the journal; nothing by default."""
         return {}
@@ -366,6 +370,15 @@ class Environment(Component):
         Args:
             actions: [R, K, ...] as the problem's action space has them.
         """
+
+    @property
+    def follows(self) -> bool:
+        """Whether `follow` is here now, for one copy of a task that goes on for ever."""
+        return False
+
+    def follow(self, table: Tensor, windows: int) -> tuple[Tensor, ...]:
+        """Whole windows under one action a state [R, S], as by `step`: states, actions, next states and r [R, n]."""
+        raise NotImplementedError
 
     def twin(self) -> Environment:
         """Another of the same that shares no state with this one, to be started."""

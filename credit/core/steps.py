@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import torch
 from torch import Tensor
 
 
@@ -38,4 +39,4 @@ class Steps:
 
     def pairs(self, actions: int) -> Tensor:
         """Index s·A + a of every step [R, n]."""
-        return self.states * actions + self.actions
+        return torch.add(self.actions, self.states, alpha=actions)

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from credit.core.checks import check_windows
+from credit.core.errors import UserError
 from credit.core.problem import Problem
 from credit.core.state import Stateful
 from credit.core.tensors import grown
@@ -22,6 +23,9 @@ def put(block: Tensor, part: Tensor, starts: Sequence[int], counts: Sequence[int
 
 
 ROWS = ("states", "actions", "next_states", "step", "ended", "terminated", "primitive")  # columns of a row
+
+
+EMPTY = "this store has no windows yet: append some first"
 
 
 class Store(Stateful):
@@ -40,7 +44,7 @@ class Store(Stateful):
         self._rows = torch.zeros(problem.replicas, dtype=torch.int64)  # of each replica
         self._level: int | None = 0  # the same, where all replicas have as many: what the hot path asks for
         self._windows, self._length = 0, -1  # K; T, 0 where windows differ, −1 as long as there are none
-        self.new: Windows
+        self._new: Windows | None = None
         self.before = self._rows  # rows of each replica before the last append [R]
 
     def __len__(self) -> int:
@@ -85,7 +89,7 @@ class Store(Stateful):
                 put(block, part, self._rows.tolist(), (rows - self._rows).tolist())
         self._add_labels(windows)
         self._rows, self._level = rows, _common(rows) if level is None else stop
-        self.new = windows
+        self._new = windows
 
     def _add_labels(self, windows: Windows) -> None:
         start, stop = self._windows, self._windows + windows.labels.shape[1]
@@ -97,8 +101,25 @@ class Store(Stateful):
         self._windows = stop
 
     @property
+    def new(self) -> Windows:
+        """The windows of the last append.
+
+        Raises:
+            UserError: there was none.
+        """
+        if self._new is None:
+            raise UserError(EMPTY)
+        return self._new
+
+    @property
     def windows(self) -> Windows:
-        """All windows, as views."""
+        """All windows, as views.
+
+        Raises:
+            UserError: there were none.
+        """
+        if not self._columns:
+            raise UserError(EMPTY)
         rows = int(self._rows.max()) if self._level is None else self._level
         columns: dict[str, Any] = {name: block[:, :rows] for name, block in self._columns.items()}
         labels = self._labels[:, : self._windows]

@@ -65,6 +65,10 @@ class Stream(Stateful):
         self._used += 1
         return self._rows[self._used - 1]
 
+    def several(self, count: int) -> Tensor:
+        """The next rows of every replica side by side [R, count·width]."""
+        return self.next() if count == 1 else torch.cat([self.next() for _ in range(count)], dim=1)
+
     def state_dict(self) -> dict[str, Any]:
         """Where the generators stood before the buffered rows, and how many of those are used."""
         return {"generators": self._before or self._now(), "used": self._used}

@@ -24,7 +24,8 @@ def grown(block: Tensor, columns: int) -> Tensor:
 
 def by_replica(function: Callable[..., Tensor], *tensors: Tensor) -> Tensor:
     """`function(*tensors)` for tensors [R, ...], in parts of R that stay in the cache where the whole would not."""
-    size = max(1, CACHED // max(tensors[0][0].numel(), 1))
-    if size >= len(tensors[0]):
+    replicas = len(tensors[0])
+    size = max(1, CACHED * replicas // max(tensors[0].numel(), 1))
+    if size >= replicas:
         return function(*tensors)
     return torch.cat([function(*parts) for parts in zip(*(tensor.split(size) for tensor in tensors), strict=True)])

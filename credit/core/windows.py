@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from credit.core.errors import UserError
 from credit.core.steps import Steps
 
 
@@ -48,7 +49,17 @@ class Windows(Steps):
 
     @classmethod
     def of_grid(cls, states: Tensor, actions: Tensor, next_states: Tensor, labels: Tensor) -> Windows:
-        """Windows of equal lengths: steps [R, K, T, ...] and labels [R, K]; memory is shared where it can be."""
+        """Windows of equal lengths: steps [R, K, T, ...] and labels [R, K]; memory is shared where it can be.
+
+        Raises:
+            UserError: these do not have the same R, K and T.
+        """
+        shapes = [list(part.shape[:3]) for part in (states, actions, next_states)]
+        if shapes != [[*labels.shape, *shapes[0][2:]]] * 3 or labels.dim() != 2:
+            raise UserError(
+                f"states, actions and next states begin with {shapes}, and labels have {list(labels.shape)}: they must "
+                "be [R, K, T, ...] and [R, K]"
+            )
         s, a, n = (part.flatten(1, 2) for part in (states, actions, next_states))
         return cls(s, a, n, labels=labels, length=states.shape[2])
 
@@ -64,7 +75,20 @@ class Windows(Steps):
 
         Args:
             episodes: K episodes of each of R replicas. labels: [R, K].
+
+        Raises:
+            UserError: an episode has not as many actions as states, or there is not a label for each.
         """
+        if labels.shape != (wanted := (len(episodes), len(episodes[0]))):
+            raise UserError(f"labels have the shape {list(labels.shape)}, and these episodes need {list(wanted)}")
+        for replica, own in enumerate(episodes):
+            for k, episode in enumerate(own):
+                counts = [len(part) for part in episode[:3]]
+                if len(set(counts)) > 1 or not counts[0]:
+                    raise UserError(
+                        f"episode {k} of replica {replica} has {counts[0]} states, {counts[1]} actions and {counts[2]} "
+                        "next states: each of its steps has one of each, and there is at least one"
+                    )
         lengths = torch.tensor([[len(episode.states) for episode in own] for own in episodes])
         count = lengths.sum(1)
         rows = int(count.max())
@@ -150,7 +174,8 @@ class Windows(Steps):
     def grid(self, values: Tensor) -> Tensor:
         """What rows have [R, n, ...], as [R, K, T, ...] in the same memory; only where all windows have T steps."""
         assert self.length is not None, "windows of different lengths have no grid"
-        return values.unflatten(1, (-1, self.length))
+        replicas, rows, *rest = values.shape
+        return values.view(replicas, rows // self.length, self.length, *rest)
 
     def to_steps(self, values: Tensor) -> Tensor:
         """What a window has [R, K], for each of its rows [R, n]; 0 for rows that are in none."""

@@ -8,7 +8,9 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from credit.core.checks import check_rewards, check_windows
 from credit.core.draws import Draws
+from credit.core.errors import UserError
 from credit.core.problem import Problem
 from credit.core.seams import CreditAssigner
 from credit.core.state import Stateful
@@ -17,6 +19,8 @@ from credit.core.tensors import grown
 from credit.core.windows import Windows
 from credit.data.preferred import Prefer, preferred, require_bits
 from credit.data.returns import discounted_sums, episode_ends
+
+NO_ROWS = "this replay has no rows yet; give it some by `update` or `relabel`"
 
 
 class Batch(NamedTuple):
@@ -95,10 +99,10 @@ class Replay(Stateful):
         """The rows, as the store has them.
 
         Raises:
-            RuntimeError: there are none yet.
+            UserError: there are none yet.
         """
         if self._windows is None:
-            raise RuntimeError("this replay has no rows yet; give it some by `update` or `relabel`")
+            raise UserError(NO_ROWS)
         return self._windows
 
     @property
@@ -113,19 +117,26 @@ class Replay(Stateful):
             store: all windows. assigner: the same every time.
         """
         if assigner.learns or self._counts != store.before.tolist():
-            self.relabel(store.windows, assigner.rewards(store.windows) - cost)
+            self.relabel(store.windows, assigner.rewards(store.windows) - cost, checked=True)
         else:
             self.extend(store.windows, assigner.rewards(store.new) - cost)
 
-    def relabel(self, windows: Windows, rewards: Tensor) -> None:
+    def relabel(self, windows: Windows, rewards: Tensor, checked: bool = False) -> None:
         """Take rewards [R, n] for all rows of all windows so far.
 
+        Args:
+            windows: all. rewards: of their rows. checked: whether somebody made sure that they fit the problem.
+
         Raises:
-            ValueError: another number of rewards than of rows. RuntimeError: a replica has no rows. UserError: labels
-                that are no bits, where those of success are preferred.
+            ValueError: another number of rewards than of rows. RuntimeError: a replica has no rows. UserError: a reward
+                is not finite, or windows do not fit the problem; labels that are no bits, where those of success are
+                preferred.
         """
         if rewards.shape != windows.states.shape[:2]:
             raise ValueError(f"rewards of shape {tuple(rewards.shape)} for rows {tuple(windows.states.shape[:2])}")
+        if not checked:
+            check_windows(windows, self._problem)
+            check_rewards(windows, rewards, self._problem)
         if self._columns and self._columns["reward"].shape[1] >= len(windows):
             self._columns["reward"].zero_()
         else:
@@ -141,7 +152,7 @@ class Replay(Stateful):
             windows: all. rewards: of the new rows [R, m], as those of a store's newest windows stand.
         """
         if not self._counts:
-            self.relabel(windows, rewards)
+            self.relabel(windows, rewards, checked=True)
             return
         rows, before = len(windows), self._counts
         counts = [rows] * len(rewards) if windows.count is None else windows.count.tolist()
@@ -166,7 +177,13 @@ class Replay(Stateful):
         self._prefer(max(forgotten, 0))
 
     def sample(self, batch: int, count: int = 1) -> list[Batch]:
-        """`count` batches of `batch` rows a replica."""
+        """`count` batches of `batch` rows a replica.
+
+        Raises:
+            UserError: there are no rows yet.
+        """
+        if self._windows is None:
+            raise UserError(NO_ROWS)
         uniform = self._draws.uniform(count, batch, axis=1)  # [count, R, B]
         rows = self._first + (uniform * self._size).long()
         wins = round(self.share * batch)

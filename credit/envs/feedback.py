@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-import torch
 from torch import Tensor
 
 from credit.core.problem import Problem
@@ -33,8 +32,7 @@ class BlockSum(Feedback):
 
     def __call__(self, rewards: Tensor) -> Tensor:
         """Y = Σ_t r_t + ε for every window of rewards [R, K, T]."""
-        noise = torch.cat([self._stream.next() for _ in range(rewards.shape[1])], dim=1)
-        return rewards.sum(-1) + self.noise * noise
+        return rewards.sum(-1) + self.noise * self._stream.several(rewards.shape[1])
 
 
 class Terminal(Feedback):

@@ -56,8 +56,7 @@ class Counts(TransitionTable):
 
     def probabilities(self) -> Tensor:
         """P̂ [R, S, A, S]."""
-        totals = self._counts.sum(-1, keepdim=True)
-        return self._counts / totals.where(totals > 0, torch.ones_like(totals))
+        return self._counts / self._counts.sum(-1, keepdim=True).clamp(min=torch.finfo(FLOAT).tiny)  # 0 of 0 is 0
 
 
 class ObservedCounts(Transition):

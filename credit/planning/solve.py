@@ -7,7 +7,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from credit.core.compiled import usable
 from credit.core.tensors import matvec
+from credit.planning import loops
 
 # The average reward for all that data can tell, and unlike γ = 1 it has one solution where a model falls apart into
 # several recurrent classes (self-loops, zero rows).
@@ -15,6 +17,8 @@ NEARLY_ONE = 1 - 1e-6
 
 # Two action values this close are tied, and the first action wins: rounding may then differ between batch sizes.
 TIE = 1e-9
+
+SWEEPS = 100  # most evaluations of policy iteration
 
 
 class Plan(NamedTuple):
@@ -27,7 +31,7 @@ class Plan(NamedTuple):
 
 
 def policy_iteration(
-    transition: Tensor, reward: Tensor, discount: float = 1.0, policy: Tensor | None = None, sweeps: int = 100
+    transition: Tensor, reward: Tensor, discount: float = 1.0, policy: Tensor | None = None, sweeps: int = SWEEPS
 ) -> Plan:
     """Howard's policy iteration for the average reward (discount 1) or the discounted return.
 
@@ -63,24 +67,31 @@ def policy_iteration(
         solution[:, 0] = 0
         ahead = matvec(rows.view(replicas, -1, states), solution).view_as(reward)
         values = torch.add(reward, ahead, alpha=discount) - gain[:, None, None] * common
-        better = improved(values, policy, solution)
-        if torch.equal(better, policy):
+        best, current = values.amax(-1), values.take(chosen)
+        tolerance = TIE * (1 + solution.abs().amax(1, keepdim=True))
+        better = best > current + tolerance
+        if not better.any():
             break
-        policy = better
+        policy = torch.where(better, _first(values, best - tolerance), policy)
     return Plan(gain, solution, policy, values)
 
 
-def improved(values: Tensor, policy: Tensor, bias: Tensor) -> Tensor:
-    """The greedy policy [R, S], keeping the current action where it is tied with the best."""
-    tolerance = TIE * (1 + bias.abs().amax(1, keepdim=True))
-    best = values.amax(-1)
-    current = values.gather(-1, policy.unsqueeze(-1)).squeeze(-1)
-    return torch.where(best > current + tolerance, first_best(values, tolerance), policy)
+def best_policy(transition: Tensor, reward: Tensor, discount: float, policy: Tensor) -> Tensor:
+    """The policy of `policy_iteration` at γ < 1, from a first one [R, S] on."""
+    if not usable(reward):
+        return policy_iteration(transition, reward, discount, policy).policy
+    policy = policy.clone()
+    loops.improve(transition, reward.contiguous(), policy, discount, TIE, SWEEPS)
+    return policy
 
 
-def first_best(values: Tensor, tolerance: Tensor | float = TIE) -> Tensor:
+def first_best(values: Tensor, tolerance: float = TIE) -> Tensor:
     """The first action [R, S] whose value [R, S, A] is within the tolerance of the best."""
-    margin = values.amax(-1) - tolerance
+    return _first(values, values.amax(-1) - tolerance)
+
+
+def _first(values: Tensor, margin: Tensor) -> Tensor:
+    """The first action [R, S] whose value [R, S, A] is no less than a margin [R, S]."""
     return (values >= margin.unsqueeze(-1)).to(torch.uint8).argmax(-1)
 
 

@@ -81,7 +81,8 @@ class Count(_Scaled):
 
     def __call__(self, belief: Belief, reference: RewardModel, steps: Steps | None = None) -> Tensor:
         """c/√(λ + N)."""
-        return torch.ones_like(belief.mixed) * (self.scale * self.decay(belief))
+        decay = self.decay(belief)
+        return self.scale * decay if isinstance(decay, Tensor) else torch.full_like(belief.mixed, self.scale * decay)
 
 
 class LocalMSE(_Scaled):

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from credit.core.cells import Cells
+from credit.core.errors import UserError
 from credit.core.problem import Problem
 from credit.core.seams import Look, Places
 from credit.core.steps import Steps
@@ -30,17 +31,21 @@ class Table(Places):
         self.cells: Cells = cells
         self.steps = cells.steps(problem.device)
         self._visits = problem.zeros(cells.count)
+        self._newest: tuple[Windows, Tensor] | None = None  # and the cells of their rows: all models ask for them
 
     def look(self, features: Callable[[Steps], Tensor]) -> TableLook:
         """φ of all cells, once."""
-        return TableLook(self.cells, features(self.steps))
+        return TableLook(self, features(self.steps))
 
     def extend(self, store: Store) -> None:
         """Count visits."""
-        self._visits.scatter_add_(1, self.index(store.new), store.new.once)
+        self._newest = store.new, self.cells.index(store.new)
+        self._visits.scatter_add_(1, self._newest[1], store.new.once)
 
     def index(self, windows: Windows) -> Tensor:
         """The cell of every row [R, n]."""
+        if self._newest is not None and windows is self._newest[0]:
+            return self._newest[1]
         return self.cells.index(windows)
 
     @property
@@ -54,7 +59,7 @@ class TableLook(Look):
 
     keeps: ClassVar = ()
 
-    def __init__(self, cells: Cells, table: Tensor) -> None:
+    def __init__(self, cells: Table, table: Tensor) -> None:
         self._cells, self.table = cells, table
 
     def places(self, at: Tensor | None = None) -> Tensor:
@@ -74,6 +79,7 @@ class Rows(Places):
     def __init__(self, problem: Problem) -> None:
         self._looks: list[RowLook] = []
         self._counts, self._before = [0] * problem.replicas, [0] * problem.replicas
+        self._store: Store | None = None  # whose rows they are, since the last of them came
 
     def look(self, features: Callable[[Steps], Tensor]) -> RowLook:
         """φ of all rows to come."""
@@ -82,7 +88,7 @@ class Rows(Places):
 
     def extend(self, store: Store) -> None:
         """Compute φ of the newest rows, once."""
-        new = store.new
+        self._store, new = store, store.new
         added = [len(new)] * len(self._counts) if new.count is None else new.count.tolist()
         self._before, self._counts = self._counts, [sum(pair) for pair in zip(self._counts, added, strict=True)]
         for look in self._looks:
@@ -92,19 +98,30 @@ class Rows(Places):
         """The row itself, or where the newest rows went [R, n].
 
         Raises:
-            ValueError: these are neither the newest windows nor all.
+            UserError: these are neither the newest windows nor all.
         """
         row, shape = torch.arange(len(windows), device=windows.labels.device), windows.states.shape[:2]
-        if len(windows) == max(self._counts):
+        if len(windows) == max(self._counts) and (self._store is None or _same(windows, self._store.windows)):
             return row.expand(shape)
-        if len(windows) != max(now - then for now, then in zip(self._counts, self._before, strict=True)):
-            raise ValueError(f"{len(windows)} rows are neither the newest ones nor all {max(self._counts)}")
+        newest = max(now - then for now, then in zip(self._counts, self._before, strict=True))
+        if len(windows) != newest or not (self._store is None or _same(windows, self._store.new)):
+            raise UserError(
+                f"these {len(windows)} rows are neither all {max(self._counts)} that were learned from nor the newest "
+                f"{newest}, and each has its own reward; ask `believe(steps)` about other steps"
+            )
         return row + torch.tensor(self._before, device=row.device).unsqueeze(1)
 
     @property
     def counts(self) -> list[int]:
         """Rows of each replica."""
         return self._counts
+
+
+def _same(one: Windows, other: Windows) -> bool:
+    """Whether windows have the same rows; at a glance where they lie in the same memory."""
+    if one.states.data_ptr() == other.states.data_ptr():
+        return True
+    return torch.equal(one.states, other.states) and torch.equal(one.actions, other.actions)
 
 
 class RowLook(Look):

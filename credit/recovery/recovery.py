@@ -19,7 +19,7 @@ from credit.core.steps import Steps
 from credit.core.store import Store
 from credit.core.windows import Windows
 from credit.recovery.finite import require_finite
-from credit.recovery.mixers import best_model, mix
+from credit.recovery.mixers import RelativeMSE, best_model, mix
 from credit.recovery.places import Rows, Table
 from credit.recovery.proxies import gap, mse_proxies
 from credit.recovery.tables import Alike, spread_out
@@ -34,15 +34,14 @@ class Recovery(CreditAssigner):
 
     Args:
         reference: the flexible model.
-        surrogates: name → structured model; may be empty.
-        mixer: MSE proxies → weights.
-        bonus: name → what optimism adds; their sum is the bonus.
+        surrogates: name → structured model; None for no one.
+        mixer: MSE proxies → weights; None for relative MSE (14) with its defaults.
+        bonus: name → what optimism adds, or one; their sum is the bonus.
         scaler: how the mixed reward is scaled for the agent; optimism is added after it, in its unit.
 
     Example:
-        >>> recovery = Recovery(LinearModel("ridge", Identity(), Bootstrap()), {}, RelativeMSE(), {})
-        >>> recovery.start(problem); store.append(windows); recovery.observe(store)
-        >>> recovery.belief().mixed
+        >>> recovery = Recovery(LinearModel("ridge", Identity(), Bootstrap())).fit(windows, problem)
+        >>> recovery.belief().mixed, recovery.rewards(windows)
     """
 
     keeps: ClassVar = ("models", "_uncertainties", "mixer", "bonus", "scaler", "_places")
@@ -50,15 +49,15 @@ class Recovery(CreditAssigner):
     def __init__(
         self,
         reference: RewardModel,
-        surrogates: Mapping[str, RewardModel],
-        mixer: Mixer,
-        bonus: Mapping[str, Bonus],
+        surrogates: Mapping[str, RewardModel] | None = None,
+        mixer: Mixer | None = None,
+        bonus: Mapping[str, Bonus] | Bonus | None = None,
         scaler: Scaler | None = None,
     ) -> None:
-        self.reference, self.surrogates = reference, dict(surrogates)
+        self.reference, self.surrogates = reference, dict(surrogates or {})
         self.models = [reference, *self.surrogates.values()]
-        self.mixer = mixer
-        self.bonus = dict(bonus)
+        self.mixer = RelativeMSE() if mixer is None else mixer
+        self.bonus = {"bonus": bonus} if isinstance(bonus, Bonus) else dict(bonus or {})
         self.scaler = scaler
         self.names = names_of(self.models)
         owned = [model.uncertainty for model in self.models if model.uncertainty is not None]
@@ -116,6 +115,21 @@ class Recovery(CreditAssigner):
             )
         return Cells.over(axes, problem.window, problem.states, problem.actions)
 
+    def fit(self, windows: Windows, problem: Problem) -> Recovery:
+        """Learn from windows that are there, from the beginning; itself.
+
+        Args:
+            windows: labelled, K of each of R replicas. problem: in whose spaces they lie.
+
+        Raises:
+            UserError: they do not fit it.
+        """
+        store = Store(problem)
+        store.append(windows)
+        self.start(problem)
+        self.observe(store)
+        return self
+
     @property
     def learns(self) -> bool:
         """Every label may change the reward of every step."""
@@ -149,8 +163,13 @@ class Recovery(CreditAssigner):
         return self._with_bonuses(self._mixed(estimates, visits), steps)
 
     def rewards(self, windows: Windows) -> Tensor:
-        """r_plan of every row [R, n] of the newest windows, or of all: the scaled mixed reward, and optimism."""
-        assert self._rewards is not None
+        """r_plan of every row [R, n] of the newest windows, or of all: the scaled mixed reward, and optimism.
+
+        Raises:
+            UserError: there were no windows yet; or these are others, where each row has a reward of its own.
+        """
+        if self._rewards is None:
+            raise UserError("this recovery has seen no windows yet: `observe` a store of them, or `fit` to some, first")
         return self._rewards.gather(1, self._places.index(windows))
 
     def table(self) -> tuple[Cells, Tensor, Tensor] | None:
@@ -232,6 +251,8 @@ class Recovery(CreditAssigner):
 
 
 def _as(estimate: Estimate, kind: torch.dtype) -> Estimate:
+    if all(part is None or part.dtype == kind for part in (estimate.mean, estimate.variance, estimate.draws)):
+        return estimate
     draws = None if estimate.draws is None else estimate.draws.to(kind)
     return Estimate(estimate.mean.to(kind), estimate.variance.to(kind), draws)
 

@@ -15,6 +15,7 @@ import numpy as np
 from credit.core.errors import UserError
 from credit.report.provenance import code_of
 from credit.report.settings import read_setting, variant
+from credit.runs.rows import unusable
 
 
 def read_run(folder: Path, settings: dict[str, str]) -> dict[str, Any]:
@@ -54,18 +55,6 @@ def arrays(folder: str | Path, name: str) -> Iterator[Mapping[str, Any]]:
             yield data
     except (OSError, EOFError, ValueError, LookupError, TypeError, zipfile.BadZipFile, zlib.error) as error:
         raise UserError(unusable(Path(folder), name, error)) from error
-
-
-def unusable(folder: Path, name: str, error: Exception) -> str:
-    """What is said of a file of a finished run that is damaged.
-
-    Args:
-        folder: of the run. name: of the file. error: why it cannot be used.
-    """
-    return (
-        f"{folder} is marked as finished, but its {name} cannot be used ({type(error).__name__}: {error}). "
-        "Restore the file, or move the folder elsewhere and run this seed again."
-    )
 
 
 def setting_of_unfinished(folder: Path) -> str:

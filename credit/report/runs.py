@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from credit.core.errors import UserError, nearest
 from credit.report.provenance import COLUMNS as CODE
 from credit.report.provenance import choose_commits
-from credit.report.reading import read_run, setting_of_unfinished, unusable
+from credit.report.reading import read_run, setting_of_unfinished
 from credit.report.settings import Setting, choose_settings, variant
+from credit.runs.rows import JOURNAL, read_rows, unusable
 
 # The paper's methods in the order of its Table 1.
 PAPER_METHODS = ("block", "delayed", "reference", "adaptive_mse", "disagreement")
@@ -164,12 +165,12 @@ def load_curves(runs: pd.DataFrame, metric: str) -> tuple[NDArray[np.float64], N
     curves: list[pd.DataFrame] = []
     for folder in map(Path, runs["folder"]):
         try:
-            curve = pd.read_csv(folder / "metrics.csv", usecols=lambda name: name in ("step", metric), dtype=float)
+            curve = read_rows(folder, [metric])
             if metric not in curve or curve[metric].isna().all():
                 return None
             curves.append(curve.dropna(subset=["step", metric]))
         except (OSError, ValueError, KeyError) as error:
-            raise UserError(unusable(folder, "metrics.csv", error)) from error
+            raise UserError(unusable(folder, JOURNAL, error)) from error
     steps = [curve["step"].to_numpy(dtype=float) for curve in curves]
     values = [curve[metric].to_numpy(dtype=float) for curve in curves]
     if all(np.array_equal(steps[0], other) for other in steps):

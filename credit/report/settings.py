@@ -19,9 +19,10 @@ import yaml
 from credit.core.errors import UserError, nearest
 from credit.renamed import translated
 
-# The slots that are the problem, and what of the trainer is the learner's own: the rest of it is budget and judging.
+# The slots that are the problem, and what of the trainer is not: the learner's own schedule, and how often one looks
+# (which decides what `eval/auc` and `eval/final` are means of: such runs are a variant, never averaged with others).
 PROBLEM = ("env", "feedback")
-SCHEDULE = ("windows_per_round", "first_windows", "first_windows_per_round", "random_windows")
+SCHEDULE = ("windows_per_round", "first_windows", "first_windows_per_round", "random_windows", "log_every")
 TRAINER = "trainer"
 
 # tuned.window and tuned.noise reach nothing but the feedback

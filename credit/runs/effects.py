@@ -6,11 +6,9 @@ from collections.abc import Collection, Sequence
 from contextlib import suppress
 
 from credit.config import files, registry
-from credit.config.kinds import KINDS
+from credit.config.kinds import KINDS, SLOTS
 from credit.core.errors import UserError
 from credit.runs import job as jobs
-
-SLOTS = {slot: kind for kind, entry in KINDS.items() for slot in entry.slots}
 
 
 def idle(overrides: Sequence[str], used: Collection[str]) -> dict[str, str]:

@@ -12,7 +12,7 @@ import torch
 import yaml
 
 from credit.config import fitting, schema
-from credit.config.identity import identity
+from credit.config.identity import identity, namesakes
 from credit.config.kinds import CIRCUMSTANCES, KINDS
 from credit.core.errors import Misfit, UserError
 from credit.core.ranges import NonNegative, NonNegativeInt, PositiveInt
@@ -139,18 +139,25 @@ def split(config: Mapping[str, Any], parent: Path) -> tuple[list[int], list[int]
     """
     todo: list[int] = []
     done: list[int] = []
-    for seed in Job.of(config).seeds:
-        folder = parent / f"seed-{seed}"
-        if config["rerun"] or not (folder / "config.yaml").exists():
-            todo.append(seed)
+    asked = [parent / f"seed-{seed}" for seed in Job.of(config).seeds]
+    replaced, right = asked if config["rerun"] else [], set[bytes]()
+    for file in sorted(parent.glob("seed-*/config.yaml")):
+        if file.parent in replaced or (text := file.read_bytes()) in right:
             continue
-        earlier = read(folder)
+        earlier = read(file.parent)
         if identity(earlier) != identity(config):
             raise UserError(
-                f"{folder} holds a run of another configuration: {'; '.join(differences(earlier, config))}. "
-                "Nothing was overwritten. Use another output=…, or rerun=true to replace it"
+                f"{file.parent} holds a run of another configuration: {'; '.join(differences(earlier, config))}. "
+                "Nothing was overwritten. Use another output=…, or rerun=true with all seeds there to replace them"
             )
-        (done if (folder / "DONE").exists() else todo).append(seed)
+        if twins := next(namesakes(earlier, config), None):
+            raise UserError(
+                f"{file.parent} holds a run of {twins[0]}, and this is one of {twins[1]}: two classes of one name and "
+                "package are one part to a run's identity; rename one of them. Nothing was overwritten"
+            )
+        right.add(text)
+    for seed, folder in zip(Job.of(config).seeds, asked, strict=True):
+        (done if folder not in replaced and (folder / "DONE").exists() else todo).append(seed)
     return todo, done
 
 
@@ -158,15 +165,16 @@ def read(folder: Path) -> dict[str, Any]:
     """The configuration of a run, in today's names.
 
     Raises:
-        UserError: its file is damaged.
+        UserError: its file is damaged, or missing.
     """
     path = folder / "config.yaml"
     try:
         found = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError):
+    except (OSError, yaml.YAMLError, UnicodeDecodeError):
         found = None
     if not isinstance(found, dict):
-        raise UserError(f"{path}: damaged; restore it, or move {folder} away and compute the run anew")
+        state = "damaged" if path.exists() else "missing"
+        raise UserError(f"{path}: {state}; restore it, or move {folder} away and compute the run anew")
     return translated(found)
 
 

@@ -20,7 +20,7 @@ from credit.core.version import __version__
 
 FLUSH_SECONDS = 1.0
 SECONDS = "time/seconds"
-PACKAGES = ("torch", "numpy", "gymnasium", "hydra-core", "mlflow")
+PACKAGES = ("torch", "numpy", "numba", "gymnasium", "hydra-core", "mlflow")
 
 
 class Journal:
@@ -152,6 +152,31 @@ def write_atomically(path: Path, text: str) -> None:
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
+
+
+def settle(folder: Path) -> None:
+    """Make the files of a folder, and their names, last through a power cut."""
+    for path in [*(file for file in folder.iterdir() if file.is_file()), folder]:
+        handle = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """What a JSON file of ours says.
+
+    Raises:
+        UserError: it is damaged. OSError: it cannot be read.
+    """
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError:
+        found = None
+    if not isinstance(found, dict):
+        raise UserError(f"{path}: damaged; restore it, or move {path.parent} away")
+    return found
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import zipfile
+import zlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +16,7 @@ import yaml
 
 from credit.core.errors import UserError
 from credit.renamed import translated
+from credit.runs.rows import JOURNAL, STEP, read_rows, unusable
 
 
 @dataclass(frozen=True)
@@ -31,7 +35,7 @@ def load(run_dir: str | Path) -> Run:
     """Load a run from its folder alone.
 
     Raises:
-        UserError: the folder holds no finished run.
+        UserError: the folder holds no finished run, or one of its files is damaged.
 
     Example:
         >>> run = credit.load("outputs/advertiser/disagreement/default/seed-0")
@@ -42,12 +46,26 @@ def load(run_dir: str | Path) -> Run:
         raise UserError(f"{folder}: no finished run lies here (no file DONE); give a folder like …/default/seed-0")
     return Run(
         folder,
-        translated(yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))),
-        pd.read_csv(folder / "metrics.csv", index_col="step"),
-        json.loads((folder / "summary.json").read_text(encoding="utf-8")),
-        _arrays(folder / "recovery.npz"),
-        _arrays(folder / "trajectories.npz"),
+        _read(folder, "config.yaml", _config),
+        _read(folder, JOURNAL, lambda file: read_rows(file.parent).astype({STEP: int}).set_index(STEP)),
+        _read(folder, "summary.json", lambda file: json.loads(file.read_text(encoding="utf-8"))),
+        _read(folder, "recovery.npz", _arrays),
+        _read(folder, "trajectories.npz", _arrays),
     )
+
+
+def _read(folder: Path, name: str, read: Callable[[Path], Any]) -> Any:
+    """A file, or what is wrong with it."""
+    try:
+        return read(folder / name)
+    except (OSError, EOFError, ValueError, LookupError, TypeError, AttributeError) as error:
+        raise UserError(unusable(folder, name, error)) from error
+    except (yaml.YAMLError, zipfile.BadZipFile, zlib.error) as error:
+        raise UserError(unusable(folder, name, error)) from error
+
+
+def _config(file: Path) -> dict[str, Any]:
+    return translated(yaml.safe_load(file.read_text(encoding="utf-8")))
 
 
 def _arrays(file: Path) -> dict[str, np.ndarray] | None:

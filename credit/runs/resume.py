@@ -63,13 +63,13 @@ def interrupted(folder: Path) -> list[tuple[dict[str, Any], Path]]:
         UserError: no run lies there.
     """
     own = folder / "config.yaml"
-    files = [own] if own.exists() else sorted(folder.rglob("seed-*/config.yaml"))
+    files = [file for file in ([own] if own.exists() else sorted(folder.rglob("seed-*/config.yaml"))) if _seed(file)]
     if not files:
         raise UserError(f"{folder}: no run lies here or below (a run's folder has a config.yaml)")
     left: dict[Path, list[int]] = {}
     for file in files:
         if not (file.parent / "DONE").exists():
-            left.setdefault(file.parents[1], []).append(int(file.parent.name.removeprefix("seed-")))
+            left.setdefault(file.parents[1], []).append(int(str(_seed(file))))
     found = []
     for parent, seeds in left.items():
         for first, count in spans(sorted(seeds)):
@@ -81,6 +81,12 @@ def interrupted(folder: Path) -> list[tuple[dict[str, Any], Path]]:
             }
             found.append((jobs.checked(config), parent))
     return found
+
+
+def _seed(file: Path) -> str | None:
+    """The number in the name of a run's folder, where it lies as runs do: experiment/method/slug/seed-<n>."""
+    number = file.parent.name.removeprefix("seed-")
+    return number if number.isdecimal() and len(file.parents) > 4 else None
 
 
 def spans(numbers: Sequence[int]) -> list[tuple[int, int]]:

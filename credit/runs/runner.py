@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ import numpy as np
 from credit.config import registry, schema, slugs
 from credit.runs import effects, folders
 from credit.runs import job as jobs
+from credit.runs.journal import read_json
 from credit.runs.session import JobRecord, Session
 from credit.runs.threads import limited
 from credit.runs.work import Progress, Work
@@ -168,6 +168,6 @@ def run_job(
 def _final_metrics(folders: Sequence[Path]) -> dict[str, np.ndarray]:
     """Metric → one value a finished run; NaN where it is not known."""
     finished = [folder for folder in folders if (folder / "DONE").exists()]
-    last = [json.loads((folder / "summary.json").read_text(encoding="utf-8"))["metrics"] for folder in finished]
+    last = [read_json(folder / "summary.json")["metrics"] for folder in finished]
     names = dict.fromkeys(name for metrics in last for name in metrics)
     return {name: np.array([metrics.get(name) for metrics in last], dtype=float) for name in names}

@@ -15,7 +15,7 @@ from credit.core.errors import UserError
 from credit.runs import checkpoint, folders, signals
 from credit.runs import job as jobs
 from credit.runs.artifacts import Recorder, write_arrays
-from credit.runs.journal import Journal, git_commit, versions, write_atomically, write_json, write_yaml
+from credit.runs.journal import Journal, git_commit, settle, versions, write_atomically, write_json, write_yaml
 from credit.runs.session import JobRecord, Session
 from credit.trainer import Trainer
 
@@ -145,9 +145,11 @@ class Work:
                 data = {name: digests[str(seed)] for name, digests in self.record.facts["data"].items()}
                 own = {"seed": seed, "metrics": self.journal.last[index], "data": data}
                 write_json(self.found.of(seed) / "summary.json", summary | own)
-            if status == "FINISHED":
+            if status == "FINISHED":  # a power cut behind DONE must find all that it stands for
                 for seed in self.group.wanted:
+                    settle(self.found.of(seed))
                     write_atomically(self.found.of(seed) / "DONE", summary["config_hash"] + "\n")
+                    settle(self.found.of(seed))
                 checkpoint.remove(self._file)
         except OSError as failure:  # the disk is full, or was taken away
             status, error = "FAILED", error or f"{type(failure).__name__}: {failure}"

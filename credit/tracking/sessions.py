@@ -9,7 +9,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from credit.runs.journal import write_json
+from credit.core.errors import UserError
+from credit.runs.journal import read_json, write_json
 from credit.runs.locks import Lock
 from credit.tracking.store import resolve_uri
 
@@ -53,9 +54,12 @@ class State:
 
 
 def read_session(session: Path) -> dict[str, Any]:
-    """The record of a session."""
-    content: dict[str, Any] = json.loads((session / "session.json").read_text(encoding="utf-8"))
-    return content
+    """The record of a session.
+
+    Raises:
+        UserError: it is damaged.
+    """
+    return read_json(session / "session.json")
 
 
 def attempt(session: dict[str, Any]) -> list[Any]:
@@ -92,6 +96,17 @@ def pending(output: Path) -> Iterator[Path]:
         with suppress(OSError, ValueError, KeyError):  # a record that a full disk cut short is nobody's
             if store_of(session, output) and not lives(session) and not _complete(session):
                 yield session
+
+
+def damaged(output: Path) -> list[str]:
+    """What is wrong with the records of sessions that cannot be read, of which nobody knows what is missing."""
+    found = []
+    for session in all_sessions(output):
+        try:
+            read_session(session)
+        except UserError as error:
+            found.append(str(error))
+    return found
 
 
 def _complete(session: Path) -> bool:

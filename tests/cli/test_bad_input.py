@@ -37,7 +37,7 @@ CASES = {
         (TRAIN, "-m", "method=delayed,random", "mixer.alpha=.1,.3"),
         ["'mixer.alpha=0.1' has no effect", "'mixer.alpha=0.3' has no effect", "adaptive_mse"],
     ),
-    "a role": ((TRAIN, "choose.planner=q_learning"), ["choose", "experiment's file", "agent=<option>"]),
+    "a role": ((TRAIN, "choose.planner=q_learning"), ["choose", "not for the command line", "agent=<option>"]),
     "a default of an option": ((TRAIN, "+defaults_for.x=1"), ["defaults_for", "mixer.alpha=.3"]),
     "wrong type": ((TRAIN, "mixer.alpha=abc"), ["mixer.alpha='abc'", "number", "float > 0"]),
     "wrong type in a list": ((TRAIN, "env.interaction=[0,x]"), ["env.interaction", "'x'", "list of float"]),
@@ -57,7 +57,7 @@ CASES = {
         ["env.p_mid_down + env.p_mid_up = 1.2", "at most 1"],
     ),
     "missing value": ((TRAIN, "mixer.alpha=???"), ["mixer.alpha", "missing", "float > 0"]),
-    "missing part": ((TRAIN, "~mixer"), ["mixer", "assigner needs one"]),
+    "missing part": ((TRAIN, "~agent"), ["agent", "trainer needs one"]),
     "parts that do not fit": (
         (TRAIN, "agent=sac"),
         ["agent: SAC needs", "vectors (Box)"],

@@ -30,7 +30,7 @@ def test_a_run_from_python_refuses_what_has_no_effect():
 def test_whatever_explain_lists_can_be_typed_as_it_stands(credit, experiment, method):
     words = (f"experiment={experiment}", f"method={method}", "tracking=none")
     listed = credit("check", "--explain", *words).out.splitlines()[:-1]
-    chosen = {"experiment", "method", "slug"}  # by their options, and by what differs
+    chosen = {"experiment", "method", "slug", "session"}  # by their options, by what differs, by the command
     keys = [key for line in listed if (key := line.split()[0]) not in chosen and not key.endswith("_target_")]
     assert len(keys) > 20
     for key in keys:

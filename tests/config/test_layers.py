@@ -12,6 +12,7 @@ from credit.config import files, kinds, registry
 from credit.config.layers import Layer
 from credit.core.errors import UserError
 from credit.runs import job
+from credit.runs.runner import compose
 
 Write = Callable[[str, str], None]
 MIXER = "_target_: credit.recovery.mixers.RelativeMSE\n"
@@ -251,3 +252,25 @@ def test_a_file_that_is_no_yaml_is_named(write: Write, own: str) -> None:
     write("mixer/mine", "alpha: [")
     with pytest.raises(UserError, match=r"mixer/mine\.yaml"):
         registry.compose(["mixer=mine"], [own])
+
+
+COUNT = "_target_: credit.recovery.bonuses.Count"
+
+
+@pytest.mark.parametrize("words", ["[count,ucb1]", "[ucb1,count]", "ucb1", "[ucb1]", "[ucb1,ucb2]", "[ucb1,wide]"])
+def test_a_file_of_a_group_that_holds_several_has_a_place_of_its_own(words: str, write: Write, own: str) -> None:
+    write("bonus/ucb1", f"# Mine.\n{COUNT}\nscale: 0.7")
+    write("bonus/ucb2", f"{COUNT}\nscale: 0.8")
+    write("bonus/wide", "defaults: [count, _self_]\nscale: 0.9")  # starts from another file, and lies where that does
+    config = compose([f"bonus={words}", "tracking=none"], config_dirs=[own])
+    scales = {"ucb1": 0.7, "ucb2": 0.8, "wide": 0.9, "count": 0.35}
+    expected = {"count" if name == "wide" else name: scales[name] for name in words.strip("[]").split(",")}
+    assert {name: node["scale"] for name, node in config["bonus"].items()} == expected
+    assert registry.compose([f"bonus={words}", "bonus.ucb1.scale=3"], [own])["bonus"]["ucb1"]["scale"] == 3
+
+
+def test_a_file_that_fills_the_whole_of_a_group_has_nothing_beside_it(write: Write, own: str) -> None:
+    write("bonus/ucb1", f"# @package bonus\n{COUNT}\nscale: 0.7")
+    assert compose(["bonus=ucb1", "tracking=none"], config_dirs=[own])["bonus"]["scale"] == 0.7
+    with pytest.raises(UserError, match=r"bonus\.count: bonus is one Count already.*`# @package bonus\.NAME`"):
+        compose(["bonus=[count,ucb1]", "tracking=none"], config_dirs=[own])

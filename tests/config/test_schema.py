@@ -12,7 +12,8 @@ from typing import Annotated, Any, ClassVar, Literal
 import pytest
 from annotated_types import Ge, Gt, Interval
 
-from credit.config import schema, signatures
+from credit.config import schema
+from credit.core import signatures
 from credit.core.component import Component
 from credit.core.errors import UserError, nearest
 

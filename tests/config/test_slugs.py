@@ -22,7 +22,7 @@ def slug(*words: str, dirs: tuple[str, ...] = ()) -> str:
     [
         ("", "default"),
         ("experiment=advertiser method=reference seed=3 replicas=7 output=x device=cpu", "default"),
-        ("rerun=true session=abc title=Mine", "default"),
+        ("rerun=true title=Mine", "default"),
         ("mixer.alpha=.3", "mixer.alpha=0.3"),
         ("mixer.alpha=.3 env.states=6 seed=1", "env.states=6,mixer.alpha=0.3"),
         ("mixer.alpha=1", "mixer.alpha=1.0"),

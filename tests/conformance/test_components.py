@@ -3,9 +3,10 @@ without an edit, and so is a new experiment."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
+from itertools import islice
 from typing import Any
 
 import pytest
@@ -33,6 +34,7 @@ from credit.judges.choose import judge
 
 from .short import EXPERIMENTS, SEEDS, checked, composed, options, selection
 
+Some = Callable[[str, str], list[tuple[str, ...]]]
 SIGNED = {"thompson"}  # a posterior draw lies on either side of the mean
 
 
@@ -82,11 +84,16 @@ def assigned(words: tuple[str, ...]) -> tuple[Any, Problem, Store]:
     return assigner, problem, store
 
 
-def some(kind: str, name: str) -> list[tuple[str, ...]]:
-    """Every experiment that an option goes with; there must be one."""
-    found = list(goes_with(kind, name))
-    assert found, f"{kind}={name} goes with no experiment"
-    return found
+@pytest.fixture(params=["first", pytest.param("every", marks=pytest.mark.slow)])
+def some(request: pytest.FixtureRequest) -> Some:
+    """The first experiment that an option goes with, and among the slow tests every one; there must be one."""
+
+    def of(kind: str, name: str) -> list[tuple[str, ...]]:
+        found = list(islice(goes_with(kind, name), 1 if request.param == "first" else None))
+        assert found, f"{kind}={name} goes with no experiment"
+        return found
+
+    return of
 
 
 @pytest.mark.parametrize("name", sorted(files.options("mixer")))
@@ -105,7 +112,7 @@ def test_mixers(name: str, models: int) -> None:
 
 
 @pytest.mark.parametrize("name", options("bonus"))
-def test_bonuses(name: str) -> None:
+def test_bonuses(some: Some, name: str) -> None:
     for words in some("bonus", name):
         assigner, _, _ = assigned(words)
         belief = assigner.belief()
@@ -119,7 +126,7 @@ def test_bonuses(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", options("reward"))
-def test_reward_models(name: str) -> None:
+def test_reward_models(some: Some, name: str) -> None:
     for words in some("reward", name):
         assigner, problem, store = assigned(words)
         model = assigner.models[0]
@@ -139,7 +146,7 @@ def test_reward_models(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", options("features"))
-def test_feature_maps(name: str) -> None:
+def test_feature_maps(some: Some, name: str) -> None:
     for words in some("features", name):
         model, problem, store = built(words, "reference")
         features = model.features
@@ -163,7 +170,7 @@ def test_feature_maps(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", options("uncertainty"))
-def test_uncertainties(name: str) -> None:
+def test_uncertainties(some: Some, name: str) -> None:
     for words in some("uncertainty", name):
         assigner, _, _ = assigned(words)
         reference = assigner.models[0].estimate()
@@ -187,7 +194,7 @@ def test_scalers(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", options("transition"))
-def test_transition_models(name: str) -> None:
+def test_transition_models(some: Some, name: str) -> None:
     for words in some("transition", name):
         first, problem, store = built(words, "transition")
         second, _, _ = built(words, "transition")
@@ -216,7 +223,7 @@ def part_of(windows: Windows, which: slice) -> Windows:
 
 
 @pytest.mark.parametrize("name", options("assigner"))
-def test_assigners(name: str) -> None:
+def test_assigners(some: Some, name: str) -> None:
     for words in some("assigner", name):
         assigner, _, store = assigned(words)
         assert isinstance(assigner, CreditAssigner)
@@ -229,7 +236,7 @@ def test_assigners(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", options("agent"))
-def test_agents(name: str) -> None:
+def test_agents(some: Some, name: str) -> None:
     for words in some("agent", name):
         agent, problem, store = built(words, "agent")
         assigner, _, _ = assigned(words)

@@ -9,8 +9,9 @@ from typing import Any
 
 import pytest
 
-from credit.config import files, kinds, registry, schema, signatures
+from credit.config import files, kinds, registry, schema
 from credit.config.identity import plain
+from credit.core import signatures
 
 from .short import FILES, selection
 

@@ -241,7 +241,7 @@ def test_each_replica_draws_its_own_rows_from_its_own_stream(make_problem: Make)
     problem = make_problem((4, 9), window=3)
     windows = grid(problem, 4)
     replay = Replay(problem)
-    replay.relabel(windows, noise(windows))
+    replay.relabel(windows, noise(windows), checked=True)  # their actions are numbers of rows
     batches = replay.sample(5, 2) + replay.sample(5, 1)
     assert len(batches) == 3
     for replica, stream in enumerate(generators(problem.seeds, "replay")):
@@ -298,10 +298,10 @@ def test_what_cannot_be_drawn(counts: Sequence[Sequence[int]], make_trajectories
     problem = Problem.vectors(4, 2, 9, (0, 1))
     windows = make_trajectories([[2], [1]], [[0.0], [0.0]])
     replay = Replay(problem)
-    with pytest.raises(RuntimeError, match="no rows yet"):
+    with pytest.raises(UserError, match="no rows yet"):
         replay.at(torch.zeros(2, 1, dtype=torch.int64))
     with pytest.raises(ValueError, match=r"\(2, 3\) for rows \(2, 2\)"):
         replay.relabel(windows, torch.zeros(2, 3))
     empty = replace(windows, count=torch.tensor(counts).flatten())
     with pytest.raises(RuntimeError, match=r"replicas \[1\] have no rows"):
-        replay.relabel(empty, torch.zeros(2, 2))
+        replay.relabel(empty, torch.zeros(2, 2), checked=True)

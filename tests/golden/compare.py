@@ -1,7 +1,8 @@
 """Short runs of every method by the code of another commit and by this one, array by array: are they still the same?
 
 Nothing is stored: both sides are computed here and now, since bits belong to a machine. The other commit is checked out
-into a temporary folder, so that no change can alter what it is compared with.
+into a temporary folder, so that no change can alter what it is compared with. Neither side uses compiled loops, which
+are the same to rounding only (`tests/test_loops.py`); `--loops` lets both do so where Numba is installed.
 
 Run:  make golden                                    (against the commit before the redesign)
       .venv/bin/python tests/golden/compare.py --commit HEAD~1 --only sepsis
@@ -150,6 +151,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--commit", default=BEFORE, help="the commit to compare with")
     parser.add_argument("--only", default="", help="runs whose name contains this")
+    parser.add_argument("--loops", action="store_true", help="with compiled loops, where Numba is installed")
     parser.add_argument("--compute", type=Path, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.compute:
@@ -164,6 +166,7 @@ def main() -> int:
                 sides[name].mkdir()
                 command = [sys.executable, HERE, "--only", given.only, "--compute", sides[name]]
                 environment = {**os.environ, "PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1"}
+                environment["NUMBA_DISABLE_JIT"] = str(int(not given.loops))
                 processes.append(subprocess.Popen(command, env=environment, cwd=tree))
             if any([process.wait() for process in processes]):  # noqa: C419 - none may be left running
                 return 2

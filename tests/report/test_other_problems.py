@@ -70,7 +70,8 @@ def test_runs_of_several_settings_cannot_be_summarised_together(output: Path):
 def test_a_table_says_what_is_common_and_what_differs(comparisons: list[Comparison]):
     common = in_common(*comparisons)
     assert common.startswith("In common: env=advertiser (convexity=0.12, ")
-    assert "feedback=block_sum (noise=0.2, window=7); trainer.log_every=40." in common
+    assert "feedback=block_sum (noise=0.2, window=7)." in common
+    assert "log_every" not in common
     assert "states" not in common
     assert sentences(comparisons[2])[0] == "Here: env.states=20; trainer.steps=14000."
     text = markdown(*comparisons)

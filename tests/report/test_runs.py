@@ -1,9 +1,12 @@
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from credit.core.errors import UserError
 from credit.report.runs import describe_seeds, load_curves, load_runs
+from credit.runs import job
+from credit.runs.load import load
 
 from .conftest import WriteRun
 
@@ -57,6 +60,18 @@ def test_the_same_configuration_under_another_hash_is_the_same(write_run: WriteR
     assert len(load_runs(tmp_path / "outputs", "advertiser").frame) == 2
 
 
+def test_a_configuration_that_is_missing_where_two_are_compared_is_named(write_run: WriteRun, tmp_path: Path):
+    write_run("reference", 0, REGRET, config_hash="aaaa")
+    write_run("reference", 1, REGRET, config_hash="bbbb")
+    (write_run("reference", 2, REGRET, config_hash="bbbb") / "config.yaml").unlink()
+    assert len(load_runs(tmp_path / "outputs", "advertiser").frame) == 3  # what nobody looks at is not missed
+    (tmp_path / "outputs/advertiser/reference/default/seed-0/config.yaml").unlink()
+    with pytest.raises(UserError, match=r"seed-0 is marked as finished, but its config\.yaml is missing"):
+        load_runs(tmp_path / "outputs", "advertiser")
+    with pytest.raises(UserError, match=r"config\.yaml: missing; restore it"):
+        job.read(tmp_path / "outputs/advertiser/reference/default/seed-0")
+
+
 def test_nothing_at_all_says_what_to_run(tmp_path: Path):
     with pytest.raises(UserError, match=r"Found no runs at all.*credit train -m experiment=advertiser method="):
         load_runs(tmp_path / "outputs", "advertiser")
@@ -103,6 +118,45 @@ def test_a_damaged_journal_is_named(write_run: WriteRun, tmp_path: Path, content
     (write_run("reference", 0, REGRET) / "metrics.csv").write_text(content, encoding="utf-8")
     with pytest.raises(UserError, match=r"seed-0 is marked as finished, but its metrics\.csv cannot be used"):
         load_curves(load_runs(tmp_path / "outputs", "advertiser").frame, "regret/cumulative")
+
+
+HEAD = "step,regret/cumulative,reward/mse\n100,1,2\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (HEAD + "200,many,3\n", r"line 3: regret/cumulative is 'many', and it must be a number"),
+        (HEAD + "200,2\n", r"line 3: 2 columns, and line 1 has 3"),
+        (HEAD + "200,2,3,4\n", r"line 3: 4 columns, and line 1 has 3"),
+        (HEAD + "\n200,2,3\n", r"line 3: 1 columns, and line 1 has 3"),
+        (HEAD + "200,2,3\n150,3,4\n", r"line 4: step 150 after 200; steps rise from row to row"),
+        (HEAD + "100,2,3\n", r"line 3: step 100 after 100"),
+        (HEAD + ",2,3\n", r"line 3: step nan after 100"),
+        (HEAD + "200,\xff,3\n", r"decode"),
+        ("", r"line 1: no column 'step'"),
+        (None, r"metrics\.csv is missing"),
+    ],
+)
+def test_what_is_damaged_in_a_journal_is_told_with_its_line(
+    write_run: WriteRun, tmp_path: Path, content: str | None, said: str
+):
+    file = write_run("reference", 0, REGRET) / "metrics.csv"
+    write_run("reference", 1, REGRET)
+    file.unlink() if content is None else file.write_bytes(content.encode("latin-1"))
+    frame = load_runs(tmp_path / "outputs", "advertiser").frame
+    for read in (lambda: load_curves(frame, "regret/cumulative"), lambda: load(file.parent)):
+        with pytest.raises(UserError, match=rf"seed-0 is marked as finished, but its .*{said}.* Restore the file"):
+            read()
+
+
+@pytest.mark.parametrize("name", ["config.yaml", "metrics.csv", "summary.json", "recovery.npz"])
+def test_a_run_with_a_damaged_file_is_not_loaded(write_run: WriteRun, name: str):
+    folder = write_run("reference", 0, REGRET, recovery={"models": np.array(["ridge"])})
+    assert load(folder).metrics.index.tolist() == [100, 200, 300]
+    (folder / name).write_text("[{: ", encoding="utf-8")
+    with pytest.raises(UserError, match=rf"its {name} cannot be used"):
+        load(folder)
 
 
 def test_curves_on_the_same_steps_are_stacked(write_run: WriteRun, tmp_path: Path):

@@ -50,7 +50,7 @@ def names(*texts: str) -> list[str]:
         ("env.interaction=0.0,0.02,0.05,mixer.alpha=1.0,tuned.noise=0.5,tuned.window=3", "mixer.alpha=1.0"),
         ("env.goal=7,10,env.maze=Large,trainer.steps=26400,tuned.window=440", "default"),
         ("env.successes=3,env=pointmaze,scaler=plain", "scaler=plain"),
-        ("trainer.log_every=1,trainer.windows_per_round=3", "trainer.windows_per_round=3"),
+        ("trainer.log_every=1,trainer.steps=70", "trainer.log_every=1"),
         ("tuned.mixer_alpha=1.0", "tuned.mixer_alpha=1.0"),
         ("+feedback.extra=1,feedback=terminal,~bonus.count", "~bonus.count"),
         ("environment.env.feedback=1,feedbacks=2", "environment.env.feedback=1,feedbacks=2"),
@@ -76,7 +76,7 @@ def test_every_slot_and_every_key_of_the_trainer_is_of_the_problem_or_of_the_lea
     }
     assert slots == {*PROBLEM, *learner, "tracking"}
     keys = {name for name in inspect.signature(Trainer).parameters if name not in slots}
-    assert keys == {*SCHEDULE, "steps", "log_every"}
+    assert keys == {*SCHEDULE, "steps"}
 
 
 def test_a_setting_is_read_from_what_a_run_writes(tmp_path: Path):
@@ -98,7 +98,7 @@ def test_a_setting_is_read_from_what_a_run_writes(tmp_path: Path):
     "override",
     [
         *("feedback=terminal", "feedback.noise=.5", "feedback.window=3", "env.states=12", "env.p_up=.5"),
-        *("trainer.steps=700", "trainer.log_every=10"),
+        "trainer.steps=700",
     ],
 )
 def test_what_changes_the_problem_or_the_budget_changes_the_setting(override: str):
@@ -110,7 +110,14 @@ def test_what_changes_the_problem_or_the_budget_changes_the_setting(override: st
     "override",
     [
         *("mixer.alpha=.1", "bonus=[count]", "transition=exact", "uncertainty.draws=3", "reward@reference=linear"),
-        *("trainer.windows_per_round=2", "device=cpu", "checkpoint_seconds=1", "tracking=none", "method=block"),
+        *(
+            "trainer.windows_per_round=2",
+            "trainer.log_every=10",
+            "device=cpu",
+            "checkpoint_seconds=1",
+            "tracking=none",
+            "method=block",
+        ),
     ],
 )
 def test_what_changes_the_learner_does_not(override: str):

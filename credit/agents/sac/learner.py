@@ -13,6 +13,7 @@ from torch import Tensor
 from credit.agents.sac.loss import Compiled, Gradients, Terms, entropy_room, losses
 from credit.agents.sac.networks import CRITICS, encoded
 from credit.agents.sac.policy import Policy
+from credit.core.component import ranged
 from credit.core.draws import Draws
 from credit.core.errors import RunError, UserError
 from credit.core.problem import Problem
@@ -70,6 +71,7 @@ class Learner(Stateful):
         *("_noise", "_exploration", "count"),
     )
 
+    @ranged
     def __init__(
         self,
         width: PositiveInt = 64,
@@ -149,7 +151,18 @@ class Learner(Stateful):
         self.count = 0
 
     def replay(self, problem: Problem) -> Replay:
-        """An empty memory with this learner's settings."""
+        """An empty memory with this learner's settings.
+
+        Raises:
+            UserError: the learner was made for other sizes or seeds, or not at all.
+        """
+        states = problem.states if problem.finite_states else problem.observations
+        made = getattr(self, "seeds", ()), getattr(self, "_states", None), getattr(self, "_actions", None)
+        if made != (wanted := (problem.seeds, states, problem.actions)):
+            raise UserError(
+                f"this learner was made for seeds, observations and actions {made}, and the problem has {wanted}: call "
+                "make(observations, actions, seeds) with those first"
+            )
         return Replay(problem, self.n_step, self.discount, self.prefer, self.success_share, purpose="sac/replay")
 
     @torch.no_grad()
@@ -191,8 +204,10 @@ class Learner(Stateful):
             `entropy`, and α as `temperature`, each [R]; those of the actor are missing where it never was.
 
         Raises:
-            RunError: a weight is not finite.
+            UserError: no update, or nothing to learn from. RunError: a weight is not finite.
         """
+        if updates < 1:
+            raise UserError(f"updates={updates}: at least 1 is allowed")
         of_actor: Terms | None = None
         for done in range(0, updates, BLOCK):
             count = min(BLOCK, updates - done)

@@ -74,9 +74,10 @@ class ExactEnvironment(Environment):
     def step(self, actions: Tensor, mask: Tensor | None = None) -> Transitions:
         """Draw s' from P(·|s, a)."""
         if self._used == self._window:
-            self._numbers = self._stream.next().view(*self._states.shape, -1, 1).unbind(2)
+            numbers = self._stream.next().view(*self._states.shape, -1, 1)
+            self._numbers = numbers.movedim(2, 0).contiguous().unbind()
             self._used = 0
-        row = self._states * self._actions + actions
+        row = torch.add(actions, self._states, alpha=self._actions)
         states, rewards = self._draw(row, self._numbers[self._used])
         self._used += 1
         self._states = states if mask is None else torch.where(mask, states, self._states)
@@ -89,6 +90,11 @@ class ExactEnvironment(Environment):
     def knowledge(self) -> KnownTransitions:
         """P, for oracles."""
         return self.mdp.transitions
+
+
+def successor(cumulative: Tensor, uniform: Tensor) -> Tensor:
+    """Which entry [...] of distributions with running sums [..., n] uniform numbers [..., 1] fall into."""
+    return torch.searchsorted(cumulative, uniform, right=True).squeeze(-1)
 
 
 def cumulative(rows: Tensor) -> Tensor:

@@ -11,11 +11,13 @@ import gymnasium
 import torch
 from torch import Tensor
 
+from credit.core.compiled import usable
 from credit.core.errors import UserError
 from credit.core.knowledge import KnownTransitions
 from credit.core.problem import Problem
 from credit.core.truth import ContinuingTruth
-from credit.envs.exact.base import ExactEnvironment, cumulative
+from credit.envs.exact import loops
+from credit.envs.exact.base import ExactEnvironment, cumulative, successor
 from credit.planning import solve
 
 
@@ -98,7 +100,19 @@ class TabularEnvironment(ExactEnvironment):
         self._cumulative = cumulative(self.mdp.transition.flatten(0, 1)).to(problem.device)
 
     def _draw(self, row: Tensor, uniform: Tensor) -> tuple[Tensor, Tensor]:
-        return (self._cumulative[row] <= uniform).sum(-1), self._reward.take(row)
+        return successor(self._cumulative[row], uniform), self._reward.take(row)
+
+    @property
+    def follows(self) -> bool:
+        """Between two windows, where loops are compiled."""
+        return self._used == self._window and usable(self._states)
+
+    def follow(self, table: Tensor, windows: int) -> tuple[Tensor, ...]:
+        """What `step` gives, by a loop."""
+        path = loops.follow(table, self._states, self._cumulative, self._stream.several(windows))
+        states, actions, arrivals = torch.from_numpy(path).unbind()
+        self._states = arrivals[:, -1:].contiguous()
+        return states, actions, arrivals, self._reward.take(torch.add(actions, states, alpha=self._actions))
 
     def truth(self, objective: str, window: int) -> ContinuingTruth:
         """g*, π*, its occupancy, and r.

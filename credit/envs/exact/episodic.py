@@ -17,7 +17,7 @@ from credit.core.errors import UserError
 from credit.core.knowledge import KnownTransitions
 from credit.core.problem import FLOAT, Problem
 from credit.core.truth import EpisodicTruth
-from credit.envs.exact.base import ExactEnvironment, cumulative
+from credit.envs.exact.base import ExactEnvironment, cumulative, successor
 from credit.planning.horizon import backward, steps, worth
 
 
@@ -138,7 +138,7 @@ class EpisodicEnvironment(ExactEnvironment):
         self._cumulative = cumulative(self.mdp.probabilities).to(problem.device)
 
     def _draw(self, row: Tensor, uniform: Tensor) -> tuple[Tensor, Tensor]:
-        then = self._successors[row, (self._cumulative[row] <= uniform).sum(-1)]
+        then = self._successors[row, successor(self._cumulative[row], uniform)]
         return then, self._reward.take(then)
 
     def truth(self, objective: str, window: int) -> EpisodicTruth:

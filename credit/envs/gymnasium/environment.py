@@ -128,9 +128,7 @@ class Gymnasium(Environment):
         self._count = problem.replicas * copies
         self._episodes = np.zeros(self._count, dtype=np.int64)  # begun by each copy
         self._open: list[list[Any]] = [[] for _ in range(self._count)]  # actions of its episode, while that goes on
-        space = self._one.observation_space
         self._latest: list[Any] = [None] * self._count
-        self._block: Any = create_empty_array(space, self._count)
         workers, count = self.workers, self._count
         self._copies: Copies = Elsewhere(self._make, count, workers) if workers else Here(self._make, count)
 
@@ -197,7 +195,8 @@ class Gymnasium(Environment):
     def _states(self) -> Tensor:
         """What all copies see [R, K, ...]."""
         space = self._one.observation_space
-        states = self._encoders[0](concatenate(space, self._latest, self._block))
+        block: Any = create_empty_array(space, self._count)  # anew: what was seen before stays what it was
+        states = self._encoders[0](concatenate(space, self._latest, block))
         self._require_finite("observation", states)
         return self._all(states)
 

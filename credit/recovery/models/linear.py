@@ -11,6 +11,7 @@ from torch import Tensor
 from credit.core.belief import Estimate
 from credit.core.cells import Axis
 from credit.core.checks import require_equal_lengths
+from credit.core.compiled import usable
 from credit.core.errors import RunError, UserError
 from credit.core.problem import FLOAT, Problem
 from credit.core.ranges import Credit, Positive
@@ -18,6 +19,7 @@ from credit.core.seams import FeatureMap, Places
 from credit.core.steps import Steps
 from credit.core.store import Store
 from credit.core.tensors import by_replica, matvec
+from credit.recovery.models.loops import sherman_morrison
 from credit.recovery.models.ridge import RidgeModel
 from credit.recovery.uncertainty.bootstrap import FitUncertainty
 
@@ -138,6 +140,9 @@ class LinearModel(RidgeModel):
 
     def _step(self, sums: Tensor, labels: Tensor, weights: Tensor) -> None:
         """One window after the other, by the Sherman–Morrison formula."""
+        if usable(self._theta):
+            sherman_morrison(self._inverse, self._theta, self._cost, sums, labels, weights)
+            return
         replicas, fits, size = self._shape
         flat = self._inverse.view(replicas * fits, size, size)
         for k in range(sums.shape[1]):

@@ -176,9 +176,10 @@ class Bootstrap(FitUncertainty):
         return stacked @ stacked.mT
 
     def _poisson(self, windows: int) -> Tensor:
-        ones = torch.ones(self._problem.replicas, 1, dtype=FLOAT, device=self._problem.device)
-        rows = [torch.cat([ones, self._stream.next()], dim=1) for _ in range(windows)]
-        return torch.stack(rows, dim=1) if rows else self._problem.zeros(0, 1 + self.draws)
+        values = torch.ones(self._problem.replicas, windows, 1 + self.draws, dtype=FLOAT, device=self._problem.device)
+        for window in range(windows):
+            values[:, window, 1:] = self._stream.next()
+        return values
 
     def _multinomial(self, windows: int) -> Tensor:
         if not windows:

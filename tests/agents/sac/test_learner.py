@@ -6,10 +6,12 @@ import io
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
 import torch
+from gymnasium.spaces import Discrete
 from tensordict import TensorDict
 from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
@@ -148,7 +150,10 @@ def bandit(states: Tensor, ends: bool = True, **keys: Any) -> tuple[Learner, Pro
     episodes = [[Episode(states[k : k + 1], actions[k : k + 1], states[k : k + 1], ends) for k in range(n)]]
     rewards = -(actions - torch.tensor([0.5, -0.25])).square().sum(-1)
     windows = Windows.of_episodes(episodes, rewards.unsqueeze(0))
-    return sac, Problem.vectors(1, 2, 1, (0,)), windows, rewards.unsqueeze(0)
+    problem = Problem.vectors(states.shape[-1] if states.dim() > 1 else 1, 2, 1, (0,))
+    if states.dim() == 1:  # they are numbers
+        problem = replace(problem, observation_space=Discrete(3))
+    return sac, problem, windows, rewards.unsqueeze(0)
 
 
 def test_it_learns_a_bandit_from_python_alone() -> None:
@@ -224,7 +229,7 @@ def test_a_weight_that_is_not_finite_stops_the_run(make_learner: Make) -> None:
     sac, replay = make_learner((3, 4))
     rewards = torch.zeros(2, len(replay.windows))
     rewards[1] = torch.nan
-    replay.relabel(replay.windows, rewards)
+    replay.relabel(replay.windows, rewards, checked=True)
     with pytest.raises(
         RunError, match=r"critic of seed 4 is not finite after 20 updates|actor of seed 4 is not finite"
     ):

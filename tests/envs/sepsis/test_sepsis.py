@@ -187,9 +187,9 @@ def test_invalid_parameters(parameters: dict[str, Any], message: str) -> None:
 
 @pytest.mark.parametrize("key", ["fluctuation", "antibiotics_lower", "vasopressors_glucose"])
 @pytest.mark.parametrize("value", [1.2, -0.1])
-def test_probabilities_outside_their_range_name_the_row(key: str, value: float) -> None:
-    with pytest.raises(UserError, match=r"\(s=\d+, a=\d\) is no distribution"):
-        Sepsis(**{key: value}).problem(HORIZON, (0,), "cpu")  # type: ignore[arg-type]
+def test_probabilities_outside_their_range_are_named(key: str, value: float) -> None:
+    with pytest.raises(UserError, match=rf"Sepsis\({key}={value}\): .*; allowed: float ≥ 0"):
+        Sepsis(**{key: value})  # type: ignore[arg-type]
 
 
 def test_gymnasium_accepts_the_environment() -> None:

@@ -1,0 +1,60 @@
+"""Loops over replicas that are compiled by Numba, where it is installed (`credit-rl[fast]`).
+
+With ten states and twenty replicas a round is hundreds of tensor operations, each of which costs more to call than to
+compute. A loop costs one call. It does what the tensor operations beside it do, to rounding, and they stay: for other
+devices, and where there is no Numba. `NUMBA_DISABLE_JIT=1` switches loops off.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from functools import lru_cache
+from importlib.util import find_spec
+from typing import Any
+
+from torch import Tensor
+
+
+class Loop:
+    """A function of arrays and numbers, compiled when it is first called with tensors; as an ordinary one, it is slow.
+
+    Args:
+        function: in the part of Python and NumPy that Numba knows. It may change its arrays.
+
+    Example:
+        >>> @Loop
+        ... def double(values):
+        ...     for i in range(len(values)):
+        ...         values[i] *= 2
+        >>> if usable(tensor): double(tensor)
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.function, self.__doc__ = function, function.__doc__
+        self._compiled: Callable[..., Any] | None = None
+
+    def __call__(self, *given: Tensor | float) -> Any:
+        """What the function makes of tensors on the processor, which it sees as arrays, and numbers."""
+        if self._compiled is None:
+            self._compiled = _compile(self.function)
+        return self._compiled(*[value.numpy() if isinstance(value, Tensor) else value for value in given])
+
+
+def usable(tensor: Tensor) -> bool:
+    """Whether a loop may take the place of tensor operations on what lies where this does."""
+    return tensor.device.type == "cpu" and _installed()
+
+
+@lru_cache
+def _installed() -> bool:
+    return os.environ.get("NUMBA_DISABLE_JIT", "0") == "0" and find_spec("numba") is not None
+
+
+def _compile(function: Callable[..., Any]) -> Callable[..., Any]:
+    import numba  # half a second, for those that call a loop
+
+    try:
+        return numba.njit(cache=True)(function)
+    except RuntimeError:  # nowhere to keep what was compiled
+        return numba.njit(function)

@@ -1,0 +1,109 @@
+"""Constructor signatures: what a component's parameters are, which of them are components, and how to say it."""
+
+from __future__ import annotations
+
+import inspect
+import types
+import typing
+from collections.abc import Callable, Mapping
+from functools import cache
+from typing import Any
+
+from credit.core.component import Component
+from credit.core.errors import UserError
+
+REQUIRED = inspect.Parameter.empty
+
+
+@cache
+def signature(cls: type) -> dict[str, tuple[Any, Any]]:
+    """Constructor parameters: name → (type hint, default or REQUIRED)."""
+    constructor = inspect.getattr_static(cls, "__init__")
+    if constructor is object.__init__:
+        return {}
+    hints = typing.get_type_hints(constructor, include_extras=True)
+    parameters = inspect.signature(cls).parameters
+    return {name: (hints.get(name, Any), parameter.default) for name, parameter in parameters.items()}
+
+
+def component_kind(hint: Any) -> type[Component] | None:
+    """The component class that a parameter wants: itself, `X | None`, or the values of a mapping."""
+    if isinstance(hint, type) and issubclass(hint, Component):
+        return hint
+    return next(filter(None, map(component_kind, typing.get_args(hint))), None)
+
+
+def takes_several(hint: Any) -> bool:
+    """Whether a parameter wants components by name, `Mapping[str, X]`, or takes one instead of them."""
+    origins = [typing.get_origin(part) for part in (hint, *typing.get_args(hint))]
+    return any(isinstance(origin, type) and issubclass(origin, Mapping) for origin in origins)
+
+
+def check(constructor: Callable[..., None], name: str, given: Mapping[str, Any]) -> None:
+    """Refuse arguments outside of what a signature allows: numbers out of range, words of no choice.
+
+    Args:
+        constructor: whose signature. name: of the class. given: name → argument; what has no range is not looked at.
+
+    Raises:
+        UserError: with class, name and value, and what is allowed.
+    """
+    from pydantic import ValidationError
+
+    for key, hint in _ranged(constructor).items():
+        if key in given:
+            try:
+                adapter(hint).validate_python(given[key])
+            except ValidationError as error:
+                reason = error.errors()[0]["msg"]
+                raise UserError(f"{name}({key}={given[key]!r}): {reason}; allowed: {describe(hint)}") from None
+
+
+@cache
+def adapter(hint: Any) -> Any:
+    """What validates a value by its hint, strictly: no text is a number, and no number is infinite."""
+    from pydantic import ConfigDict, TypeAdapter
+
+    return TypeAdapter(hint, config=ConfigDict(strict=True, allow_inf_nan=False))
+
+
+@cache
+def _ranged(constructor: Callable[..., None]) -> dict[str, Any]:
+    """Parameters with a range or a choice: name → hint; none where hints cannot be read."""
+    try:
+        hints = typing.get_type_hints(constructor, include_extras=True)
+    except NameError:  # of a name that is there for type checkers alone
+        return {}
+    return {name: hint for name, hint in hints.items() if name != "return" and _limited(hint)}
+
+
+def _limited(hint: Any) -> bool:
+    inner = typing.get_args(hint)
+    return typing.get_origin(hint) in (typing.Annotated, typing.Literal) or any(map(_limited, inner))
+
+
+def describe(hint: Any) -> str:
+    """A type hint as a user would say it: `float > 0`, `one of random, lexicographic`."""
+    origin, inner = typing.get_origin(hint), typing.get_args(hint)
+    if origin is typing.Annotated:
+        return " ".join([describe(inner[0]), *_limits(inner[1:])])
+    if origin is typing.Literal:
+        return "one of " + ", ".join(str(value) for value in inner)
+    if origin in (typing.Union, types.UnionType):
+        return " or ".join(describe(part) for part in inner)
+    if origin is dict:
+        return f"a mapping: {describe(inner[0])} → {describe(inner[1])}"
+    if origin is not None and inner:
+        return f"list of {describe(inner[0])}"
+    return "null" if hint is type(None) else str(getattr(hint, "__name__", hint))
+
+
+def _limits(limits: tuple[Any, ...]) -> list[str]:
+    signs = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
+    found = [
+        f"{sign} {getattr(limit, name)}"
+        for limit in limits
+        for name, sign in signs.items()
+        if getattr(limit, name, None) is not None
+    ]
+    return [" and ".join(found)] if found else []

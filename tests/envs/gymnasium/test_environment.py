@@ -1,0 +1,219 @@
+"""Environments of Gymnasium by their ids: spaces, seeds, ends, what goes wrong, and going on in mid-episode."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium.spaces import Box, Dict, MultiDiscrete
+from torch import Tensor
+
+from credit.agents.random import Random
+from credit.core.errors import RunError, UserError
+from credit.core.problem import FLOAT, Problem
+from credit.core.seams import Environment
+from credit.core.streams import reset_seed
+from credit.core.windows import Windows
+from credit.envs.collect import Collector
+from credit.envs.feedback import BlockSum
+from credit.envs.gymnasium.environment import Gymnasium
+from credit.judges.choose import judge
+from credit.judges.exact import Episodic
+from credit.judges.rollouts import Rollouts
+from credit.runs.checkpoint import only_data
+
+SEEDS = (3, 4)
+
+
+class Odd(gymnasium.Env[Any, Any]):
+    """A dictionary to see, with a counter in it, and two digits to do; six steps; it may misbehave in the third."""
+
+    def __init__(self, trouble: str = "none", reports: bool = False) -> None:
+        self.observation_space = Dict(here=MultiDiscrete([3, 2]), far=Box(-1.0, 1.0, (2,)))
+        self.action_space = MultiDiscrete([2, 2])
+        self.trouble, self.reports = trouble, reports
+
+    def _seen(self) -> dict[str, Any]:
+        far = self.np_random.random(2, dtype=np.float32)
+        return {"here": np.array([self._t % 3, self._t % 2]), "far": far * np.nan if self._bad("observation") else far}
+
+    def _bad(self, trouble: str) -> bool:
+        return self.trouble == trouble and self._t == 3
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        super().reset(seed=seed)
+        self._t = 0
+        return self._seen(), {}
+
+    def step(self, action: Any) -> Any:
+        assert action.shape == (2,)
+        self._t += 1
+        if self._bad("raises"):
+            raise ArithmeticError("no third step")
+        info = {"is_success": self._t == 6, "reward": 7.0} if self.reports else {}
+        reward = np.inf if self._bad("reward") else float(action.sum())
+        return self._seen(), reward, self._t == 6, False, info
+
+
+gymnasium.register("tests/Odd-v0", entry_point=Odd, max_episode_steps=9)
+gymnasium.register("tests/Endless-v0", entry_point=Odd)
+
+
+def lived(env: Gymnasium, count: int = 3, copies: int = 1) -> tuple[Windows, Tensor, Problem]:
+    problem = env.problem(None, SEEDS)
+    feedback, random = BlockSum(env.horizon, 0.0), Random()
+    for part in (env, feedback, random):
+        part.start(problem)
+    windows, rewards = Collector(env, feedback, problem).collect(random, count)
+    return windows, rewards, problem
+
+
+@pytest.mark.parametrize(
+    ("name", "keys", "states", "actions"),
+    [
+        ("CartPole-v1", {}, (4,), 2),
+        ("Pendulum-v1", {"max_steps": 30}, (3,), (1,)),
+        ("FrozenLake-v1", {"kwargs": {"is_slippery": False}}, 16, 4),
+        ("Blackjack-v1", {"max_steps": 10}, (45,), 2),
+        ("tests/Odd-v0", {}, (7,), 4),
+        ("FrozenLake-v1", {"view": "vector"}, (16,), 4),
+        ("CartPole-v1", {"wrappers": ["FlattenObservation"]}, (4,), 2),
+    ],
+)
+def test_spaces_are_encoded_and_episodes_end(name: str, keys: dict[str, Any], states: Any, actions: Any) -> None:
+    env = Gymnasium(name, **keys)
+    windows, rewards, problem = lived(env)
+    assert isinstance(env, Environment)
+    assert (problem.states if isinstance(states, int) else problem.observation_space.shape) == states
+    assert (problem.actions if isinstance(actions, int) else problem.action_space.shape) == actions
+    assert windows.labels.shape == (2, 3)
+    inside = ~windows.final[0, :-1]  # what a step led to is where the next one begins
+    assert torch.equal(windows.next_states[0, : len(inside)][inside], windows.states[0, 1 : len(inside) + 1][inside])
+    assert ((windows.lengths >= 1) & (windows.lengths <= problem.window)).all()
+    torch.testing.assert_close(windows.sums(rewards), windows.labels)
+    again, _, _ = lived(Gymnasium(name, **keys))
+    assert torch.equal(windows.states, again.states)
+    assert torch.equal(windows.labels, again.labels)
+
+
+def test_an_episode_is_that_of_its_seed_alone() -> None:
+    """What Gymnasium itself gives for the seed of (seed, copy, purpose, episode)."""
+    env = Gymnasium("CartPole-v1")
+    problem = env.problem(None, SEEDS)
+    env.start(problem, copies=2)
+    first = env.reset()
+    second = env.reset(torch.tensor([[False, True], [False, False]]))
+    assert torch.equal(first[1], second[1])
+    alone = gymnasium.make("CartPole-v1")
+    for states, episode in ((first, 0), (second, 1)):
+        seen, _ = alone.reset(seed=reset_seed(3, "environment", 1, episode))
+        assert np.array_equal(states[0, 1].numpy(), seen)
+    seeds = {reset_seed(s, p, k, e) for s in (3, 4) for p in ("a", "b") for k in (0, 1) for e in (0, 1)}
+    assert len(seeds) == 16
+
+
+def test_a_time_limit_is_no_end_of_the_task() -> None:
+    windows, _, _ = lived(Gymnasium("Pendulum-v1", max_steps=7), 2)
+    assert windows.lengths.tolist() == [[7, 7], [7, 7]]
+    assert windows.ended is not None
+    assert windows.terminated is not None
+    assert windows.ended.sum(1).tolist() == [2, 2]
+    assert not windows.terminated.any()
+
+
+@pytest.mark.parametrize("reports", [True, False])
+def test_info_reaches_nobody_but_for_success(reports: bool) -> None:
+    env = Gymnasium("tests/Odd-v0", {"reports": reports})
+    env.start(env.problem(None, SEEDS))
+    env.reset()
+    outs = [env.step(torch.zeros(2, 1, dtype=torch.int64)) for _ in range(6)]
+    said = [out.facts["success"].tolist() for out in outs] if reports else []
+    assert said == [[[False], [False]]] * 5 * reports + [[[True], [True]]] * reports
+    assert all(out.facts.keys() == ({"success"} if reports else set()) for out in outs)
+
+
+@pytest.mark.parametrize(
+    ("name", "keys", "said"),
+    [
+        ("CartPole-v9", {}, r"env.id='CartPole-v9'.*did you mean 'CartPole-v1'"),
+        ("Pendulm-v1", {}, "did you mean 'Pendulum-v1'"),
+        ("nopackage:Thing-v0", {}, "needs a package that is not installed.*nopackage"),
+        ("tests/Endless-v0", {}, r"without a time limit.*env\.max_steps"),
+        ("CartPole-v1", {"kwargs": {"nope": 1}}, r"made with \{'nope': 1\} cannot be made: TypeError"),
+        ("CartPole-v1", {"wrappers": ["FlattenObs"]}, "no 'FlattenObs'.*did you mean 'FlattenObservation'"),
+    ],
+)
+def test_what_cannot_be_made_is_said_before_the_start(name: str, keys: dict[str, Any], said: str) -> None:
+    with pytest.raises(UserError, match=said):
+        Gymnasium(name, **keys).problem(None, SEEDS)
+
+
+@pytest.mark.parametrize("workers", [0, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("trouble", "said"),
+    [
+        ("raises", "raised in step, seed 3, copy 0 for environment, episode 1, step 2: ArithmeticError: no third step"),
+        ("reward", r"reward inf at number 0, seed 3, copy 0 for environment, episode 1, step 3"),
+        ("observation", r"observation nan at number \(\d,\), seed 3, copy 0 for environment, episode 1, step 3"),
+    ],
+)
+def test_trouble_in_mid_episode_is_named(trouble: str, said: str, workers: int) -> None:
+    with pytest.raises(RunError, match=said):
+        lived(Gymnasium(f"{__name__}:tests/Odd-v0", {"trouble": trouble}, workers=workers))
+
+
+def test_an_open_episode_is_played_again() -> None:
+    one, other = (Gymnasium("tests/Odd-v0") for _ in range(2))
+    problem = one.problem(None, SEEDS)
+    for env in (one, other):
+        env.start(problem)
+    actions = torch.tensor([[1], [2]])
+    one.reset()
+    for _ in range(8):
+        out = one.step(actions)
+        if out.terminated is not None and out.terminated.any():
+            one.reset(out.terminated)
+    state = one.state_dict()
+    only_data(state, "")
+    other.load_state_dict(state)
+    for _ in range(4):
+        for mine, theirs in zip(one.step(actions)[:4], other.step(actions)[:4], strict=True):
+            assert mine is not None
+            assert theirs is not None
+            assert torch.equal(mine, theirs)
+    state["latest"][0] = state["latest"][1]  # of the other seed
+    with pytest.raises(ValueError, match="cannot be gone on with in mid-episode"):
+        other.load_state_dict(state)
+
+
+@pytest.mark.slow
+def test_workers_step_what_this_process_would() -> None:
+    (here, _, _), (there, _, _) = (lived(Gymnasium("Pendulum-v1", copies=2, max_steps=5, workers=n), 4) for n in (0, 2))
+    assert torch.equal(here.states, there.states)
+    assert torch.equal(here.labels, there.labels)
+
+
+def test_frozen_lake_is_judged_by_its_own_P() -> None:
+    """Of a lake without slipping the best is sure; of a random walk Gymnasium's own episodes tell."""
+    env = Gymnasium("FrozenLake-v1", {"is_slippery": False})
+    _, _, problem = lived(env)
+    truth = env.truth("sum", problem.window)
+    assert truth is not None
+    assert truth.best == pytest.approx(1.0)
+    uniform = torch.full((1, problem.window, 16, 4), 0.25, dtype=FLOAT)
+    assert float(truth.evaluate(uniform)) == pytest.approx(truth.random)
+    windows, _, _ = lived(env, 400)
+    found = windows.labels.mean()
+    assert abs(float(found) - truth.random) < 5 * float(windows.labels.std() / windows.labels.numel() ** 0.5)
+
+
+@pytest.mark.parametrize(("name", "kind"), [("Taxi-v4", Episodic), ("CartPole-v1", Rollouts)])
+def test_the_judge_is_exact_where_P_is_offered(name: str, kind: type) -> None:
+    env = Gymnasium(name)
+    problem = env.problem(None, SEEDS)
+    feedback = BlockSum(problem.window, 0.0)
+    env.start(problem)
+    assert isinstance(judge(env, feedback, problem, Collector(env, feedback, problem).evaluation), kind)
