@@ -18,7 +18,7 @@ from credit.core.ranges import Credit, Positive
 from credit.core.seams import FeatureMap, Places
 from credit.core.steps import Steps
 from credit.core.store import Store
-from credit.core.tensors import by_replica, matvec
+from credit.core.tensors import CACHED, by_replica, matvec
 from credit.recovery.models.loops import sherman_morrison
 from credit.recovery.models.ridge import RidgeModel
 from credit.recovery.uncertainty.bootstrap import FitUncertainty
@@ -203,7 +203,12 @@ class LinearModel(RidgeModel):
         if self._tabular:
             return function(self._in_units(phi), of_fits)
         rows = phi.expand(len(of_fits), *phi.shape[-2:])
-        return by_replica(lambda phi, own: function(self._in_units(phi.to(FLOAT)), own), rows, of_fits)
+
+        def in_parts(phi: Tensor, own: Tensor) -> Tensor:  # that stay in the cache
+            parts = phi.split(max(1, CACHED // (8 * phi.shape[-1])), dim=-2)
+            return torch.cat([function(self._in_units(part.to(FLOAT)), own) for part in parts], dim=-1)
+
+        return by_replica(in_parts, rows, of_fits)
 
     def _in_units(self, phi: Tensor) -> Tensor:
         return phi if self.unit == 1 else phi / self.unit
