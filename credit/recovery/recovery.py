@@ -45,6 +45,8 @@ class Recovery(CreditAssigner):
     """
 
     keeps: ClassVar = ("models", "_uncertainties", "mixer", "bonus", "scaler", "_places")
+    _belief: Belief | None = None
+    _rewards: Tensor | None = None
 
     def __init__(
         self,

@@ -57,9 +57,11 @@ def test_a_reference_alone_is_enough() -> None:
 def test_rows_have_rewards_of_their_own() -> None:
     problem = Problem.vectors(2, 1, window=3, seeds=(0,))
     recovery = Recovery(LinearModel("linear", Motion(), Analytic(noise=1.0)))
-    recovery.start(problem)
-    with pytest.raises(UserError, match="has seen no windows yet"):
-        recovery.rewards(rows(0))
+    for prepare in (lambda: None, lambda: recovery.start(problem)):
+        prepare()
+        assert recovery.belief() is None
+        with pytest.raises(UserError, match="has seen no windows yet"):
+            recovery.rewards(rows(0))
     recovery.fit(rows(0), problem)
     assert torch.equal(recovery.rewards(rows(0)), recovery.fit(rows(0), problem).rewards(rows(0)))
     with pytest.raises(UserError, match=r"these 9 rows are neither all 9 .* nor the newest 9.* ask `believe"):
