@@ -137,6 +137,21 @@ def unpack(packed: Packed, now: Any, where: str) -> Any:
     return now
 
 
+def same(one: Any, two: Any) -> bool:
+    """Whether two values of a state, or arrays, are equal to the bit, NaN to NaN."""
+    import numpy as np
+    import torch
+
+    if isinstance(one, Mapping):
+        return isinstance(two, Mapping) and one.keys() == two.keys() and all(same(one[key], two[key]) for key in one)
+    if isinstance(one, (list, tuple)):
+        return len(one) == len(two) and all(map(same, one, two))
+    if isinstance(one, (torch.Tensor, np.ndarray)):
+        one, two = np.asarray(one), np.asarray(two)
+        return one.dtype == two.dtype and np.array_equal(one, two, equal_nan=one.dtype.kind == "f")
+    return bool(one == two)
+
+
 def _written(now: Any, tensor: Any) -> Any:
     """The tensor where `now` is, if it has room for it: others may look at the same memory."""
     import torch

@@ -78,7 +78,7 @@ def check(config: Mapping[str, Any]) -> schema.Check:
     if not found.problems:
         try:
             trainer = schema.build(config, "trainer")
-            found.problems += rehearsal.problems(config)
+            found.problems += rehearsal.problems(config, trainer)
             if not found.problems:
                 trainer.start((config["seed"],))
                 found.remark = trainer.env.remark()

@@ -23,6 +23,7 @@ from credit.core.capabilities import parts_of
 from credit.core.component import Component
 from credit.core.errors import Misfit, RunError, UserError
 from credit.core.policy import Policy
+from credit.core.state import same
 from credit.runs import checkpoint
 from credit.runs.artifacts import Recorder
 from credit.trainer import Trainer
@@ -41,17 +42,17 @@ Ended = tuple[dict[str, Any], list[dict[str, dict[str, np.ndarray]]]]  # the las
 _right: set[frozenset[tuple[str, type]]] = set()  # what was tried in this process, and is right
 
 
-def problems(config: Mapping[str, Any]) -> list[str]:
+def problems(config: Mapping[str, Any], trainer: Trainer) -> list[str]:
     """What a short run of a right configuration finds wrong; nothing where all parts are credit's own.
 
     Args:
-        config: as `job.check` has found it right.
+        config: as `job.check` has found it right. trainer: what it makes.
     """
-    first = _short(config)
-    parts = _parts(first)
+    parts = _parts(trainer)
     classes = frozenset((path, type(part)) for path, part in parts)
     if not any(_foreign(part) for _, part in parts) or classes in _right:
         return []
+    first = _short(config)
     try:
         found = _tried(config, first)
     except Misfit:
@@ -88,13 +89,13 @@ def _tried(config: Mapping[str, Any], first: Trainer) -> list[str]:
         second.load_state_dict(saved)
     except (TypeError, ValueError, AttributeError, LookupError, RuntimeError) as error:
         return [f"{CANNOT_GO_ON} ({error}): {STATE}"]
-    if _same(whole, _played(second)):
+    if same(whole, _played(second)):
         return []
     pairs = zip(_parts(first), _parts(second), strict=True)
     other = [
         key_of(path)
         for (path, one), (_, two) in pairs
-        if _foreign(one) and not _same(one.state_dict(), two.state_dict())
+        if _foreign(one) and not same(one.state_dict(), two.state_dict())
     ]
     suspects = other or [key_of(path) for path, part in _parts(second) if _foreign(part)]
     return [f"{', '.join(suspects)}: {CANNOT_GO_ON}: after it was saved and loaded it came to other numbers; {STATE}"]
@@ -149,16 +150,3 @@ def _blamed(error: Exception, trainer: Trainer) -> str:
             where = f"{Path(frame.f_code.co_filename).name}, line {line}"
             return f"{paths.get(name, 'a policy')}: {name}.{frame.f_code.co_name} raised {what} ({where})"
     return f"a short run failed with these parts of your own ({', '.join(paths.values())}): {what}"
-
-
-def _same(one: Any, two: Any) -> bool:
-    """Equal to the bit, NaN to NaN."""
-    if isinstance(one, Mapping):
-        return isinstance(two, Mapping) and one.keys() == two.keys() and all(_same(one[key], two[key]) for key in one)
-    if isinstance(one, (list, tuple)):
-        return len(one) == len(two) and all(map(_same, one, two))
-    if isinstance(one, (torch.Tensor, np.ndarray)):
-        one, two = np.asarray(one), np.asarray(two)
-        floats = one.dtype.kind == "f"
-        return one.dtype == two.dtype and np.array_equal(one, two, equal_nan=floats)
-    return bool(one == two)

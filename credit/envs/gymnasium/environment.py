@@ -16,7 +16,7 @@ from credit.core.errors import RunError, UserError
 from credit.core.problem import FLOAT, Problem
 from credit.core.ranges import NonNegativeInt, PositiveInt
 from credit.core.seams import Environment, Transitions
-from credit.core.state import pack, unpack
+from credit.core.state import pack, same, unpack
 from credit.core.streams import reset_seed
 from credit.core.truth import EpisodicTruth
 from credit.envs import spaces
@@ -243,17 +243,8 @@ class Gymnasium(Environment):
                 (out,) = self._copies.step([n], [action])
                 self._latest[n] = out.observation
             self._open[n] = list(actions)
-            if not _equal(self._latest[n], unpack(state["latest"][n], self._latest[n], "the last observation")):
+            if not same(self._latest[n], unpack(state["latest"][n], self._latest[n], "the last observation")):
                 raise ValueError(
                     f"env.id={self.id!r} cannot be gone on with in mid-episode: the same seed and the same actions led "
                     "elsewhere; begin the run anew (rerun=true)"
                 )
-
-
-def _equal(one: Any, two: Any) -> bool:
-    """Whether two observations are the same to the bit."""
-    if isinstance(one, Mapping):
-        return all(_equal(one[key], two[key]) for key in one)
-    if isinstance(one, tuple):
-        return all(map(_equal, one, two))
-    return bool(np.array_equal(one, two))

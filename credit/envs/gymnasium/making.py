@@ -11,19 +11,14 @@ import gymnasium
 
 from credit.core.errors import UserError, nearest
 
-EXTRAS = {  # a word in the id or in the error → what brings it
-    "box2d": "box2d",
-    "LunarLander": "box2d",
-    "BipedalWalker": "box2d",
-    "CarRacing": "box2d",
-    "minigrid": "minigrid",
-    "MiniGrid": "minigrid",
+PACKAGES = {  # how an id begins → the package that registers it, which may not say so by itself
+    "Adroit": "gymnasium_robotics",
+    "AntMaze": "gymnasium_robotics",
+    "Fetch": "gymnasium_robotics",
+    "PointMaze": "gymnasium_robotics",
     "BabyAI": "minigrid",
-    "icu": "icu",
-    "Sepsis/ICU": "icu",
+    "MiniGrid": "minigrid",
 }
-IMPORTS = {"Adroit": "gymnasium_robotics", "Fetch": "gymnasium_robotics", "PointMaze": "gymnasium_robotics"}
-IMPORTS |= {"MiniGrid": "minigrid", "BabyAI": "minigrid", "AntMaze": "gymnasium_robotics"}
 
 
 def make(id: str, kwargs: Mapping[str, Any], max_steps: int | None, wrappers: Sequence[str]) -> gymnasium.Env[Any, Any]:
@@ -41,9 +36,7 @@ def make(id: str, kwargs: Mapping[str, Any], max_steps: int | None, wrappers: Se
     except gymnasium.error.UnregisteredEnv as error:
         raise UserError(f"env.id={id!r}: {_first(error)}; {_near(id)}") from None
     except (gymnasium.error.DependencyNotInstalled, ModuleNotFoundError) as error:
-        raise UserError(
-            f"env.id={id!r} needs a package that is not installed ({_first(error)}); {_extra(id, error)}"
-        ) from None
+        raise UserError(f"env.id={id!r} needs a package that is not installed: {_first(error)}") from None
     except Exception as error:  # whatever somebody's constructor may raise
         given = f", made with {dict(kwargs)}" if kwargs else ""
         raise UserError(f"env.id={id!r}{given} cannot be made: {type(error).__name__}: {_first(error)}") from error
@@ -68,21 +61,23 @@ def wrapper(name: str) -> Any:
         ) from None
 
 
+def _package(id: str) -> str | None:
+    return next((package for start, package in PACKAGES.items() if id.startswith(start)), None)
+
+
 def _import(id: str) -> None:
     """Import what registers an id, where credit knows it and it is there."""
-    for word, module in IMPORTS.items():
-        if id.startswith(word) and id not in gymnasium.registry and importlib.util.find_spec(module):
-            gymnasium.register_envs(importlib.import_module(module))
+    package = _package(id)
+    if package and id not in gymnasium.registry and importlib.util.find_spec(package):
+        gymnasium.register_envs(importlib.import_module(package))
 
 
 def _near(id: str) -> str:
+    package = _package(id)
+    if package and not importlib.util.find_spec(package):
+        return f"install the package {package}, which has such ids"
     names = [name for name in gymnasium.registry if not name.startswith(("phys2d", "tabular"))]
     return f"{nearest(id, names).partition(' (')[0]}; an id of a package that registers its own is package:id"
-
-
-def _extra(id: str, error: Exception) -> str:
-    extra = next((extra for word, extra in EXTRAS.items() if word in id or word in str(error)), None)
-    return f"pip install 'credit-rl[{extra}]'" if extra else "install what it names"
 
 
 def _first(error: BaseException) -> str:

@@ -140,6 +140,7 @@ def test_info_reaches_nobody_but_for_success(reports: bool) -> None:
     [
         ("CartPole-v9", {}, r"env.id='CartPole-v9'.*did you mean 'CartPole-v1'"),
         ("Pendulm-v1", {}, "did you mean 'Pendulum-v1'"),
+        ("MiniGrid-Empty-5x5-v0", {}, "install the package minigrid"),
         ("nopackage:Thing-v0", {}, "needs a package that is not installed.*nopackage"),
         ("tests/Endless-v0", {}, r"without a time limit.*env\.max_steps"),
         ("CartPole-v1", {"kwargs": {"nope": 1}}, r"made with \{'nope': 1\} cannot be made: TypeError"),
