@@ -59,6 +59,7 @@ def run(site: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, env=environment, cwd=site, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.slow  # the example of a surrogate of one's own is the same among the default tests
 def test_it_is_listed_and_runs(site):
     assert "Surrogate that tells even from odd states" in run(site, "list", "reward").stdout
     words = ("train", "+reward@surrogates.parity=parity", "replicas=1", "trainer.steps=210", "tracking=none")
