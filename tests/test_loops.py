@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -35,13 +34,11 @@ ROUNDING = 1e-11  # fits of rewards below 1: 1e-14 after 60 windows, and another
 @pytest.fixture(params=["python", "compiled"])
 def use(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Use:
     """Call with whether loops take the place of tensor operations."""
-    if request.param == "compiled" and find_spec("numba") is None:
-        pytest.skip("needs credit-rl[fast]")
     if request.param == "python":
         monkeypatch.setattr(compiled, "_compile", lambda function: function)
         for loop in (follow, improve, sherman_morrison):
             monkeypatch.setattr(loop, "_compiled", None)
-    return lambda looping: monkeypatch.setattr(compiled, "_installed", lambda: looping)
+    return lambda looping: monkeypatch.setenv("NUMBA_DISABLE_JIT", "0" if looping else "1")
 
 
 @pytest.mark.parametrize("uncertainty", [lambda: Given(3), lambda: Analytic(noise=None)])

@@ -30,7 +30,7 @@ fast(500, replicas={replicas})
 def run(say: Callable[[str], None] = lambda line: None) -> list[Row]:
     """Measure everything in this process, on one thread; about two minutes."""
     torch.set_num_threads(1)
-    loops = "compiled by Numba" if usable(torch.zeros(0)) else "none; pip install 'credit-rl[fast]'"
+    loops = "compiled by Numba" if usable(torch.zeros(0)) else "none: NUMBA_DISABLE_JIT"
     fast(50, REPLICAS)  # warm-up
     say(f"disagreement, {REPLICAS} replicas, {BLOCKS} blocks")
     ours = cpu_seconds(lambda: fast(BLOCKS, REPLICAS), repeat=2) / REPLICAS

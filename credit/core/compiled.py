@@ -1,16 +1,14 @@
-"""Loops over replicas that are compiled by Numba, where it is installed (`credit-rl[fast]`).
+"""Loops over replicas that are compiled by Numba.
 
 With ten states and twenty replicas a round is hundreds of tensor operations, each of which costs more to call than to
 compute. A loop costs one call. It does what the tensor operations beside it do, to rounding, and they stay: for other
-devices, and where there is no Numba. `NUMBA_DISABLE_JIT=1` switches loops off.
+devices, and to compare with. `NUMBA_DISABLE_JIT=1` switches loops off.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from functools import lru_cache
-from importlib.util import find_spec
 from typing import Any
 
 from torch import Tensor
@@ -43,12 +41,7 @@ class Loop:
 
 def usable(tensor: Tensor) -> bool:
     """Whether a loop may take the place of tensor operations on what lies where this does."""
-    return tensor.device.type == "cpu" and _installed()
-
-
-@lru_cache
-def _installed() -> bool:
-    return os.environ.get("NUMBA_DISABLE_JIT", "0") == "0" and find_spec("numba") is not None
+    return tensor.device.type == "cpu" and os.environ.get("NUMBA_DISABLE_JIT", "0") == "0"
 
 
 def _compile(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -40,10 +40,11 @@ def takes_several(hint: Any) -> bool:
 
 
 def check(constructor: Callable[..., None], name: str, given: Mapping[str, Any]) -> None:
-    """Refuse arguments outside of what a signature allows: numbers out of range, words of no choice.
+    """Refuse arguments that a signature does not allow: numbers out of range, words of no choice, no component.
 
     Args:
-        constructor: whose signature. name: of the class. given: name → argument; what has no range is not looked at.
+        constructor: whose signature. name: of the class. given: name → argument; what has no range, and is no
+            component, is not looked at.
 
     Raises:
         UserError: with class, name and value, and what is allowed.
@@ -52,11 +53,17 @@ def check(constructor: Callable[..., None], name: str, given: Mapping[str, Any])
 
     for key, hint in _ranged(constructor).items():
         if key in given:
+            value = given[key]
+            if (kind := component_kind(hint)) is not None:
+                if isinstance(value, str | bytes | int | float):  # by its name, as in YAML
+                    wanted = f"an instance of credit.core.seams.{kind.__name__}"
+                    raise UserError(f"{name}({key}={value!r}): {value!r} is no component; give {wanted}")
+                continue
             try:
-                adapter(hint).validate_python(given[key])
+                adapter(hint).validate_python(value.item() if getattr(value, "ndim", None) == 0 else value)
             except ValidationError as error:
                 reason = error.errors()[0]["msg"]
-                raise UserError(f"{name}({key}={given[key]!r}): {reason}; allowed: {describe(hint)}") from None
+                raise UserError(f"{name}({key}={value!r}): {reason}; allowed: {describe(hint)}") from None
 
 
 @cache
@@ -69,12 +76,13 @@ def adapter(hint: Any) -> Any:
 
 @cache
 def _ranged(constructor: Callable[..., None]) -> dict[str, Any]:
-    """Parameters with a range or a choice: name → hint; none where hints cannot be read."""
+    """Parameters with a range or a choice, and components: name → hint; none where hints cannot be read."""
     try:
         hints = typing.get_type_hints(constructor, include_extras=True)
     except NameError:  # of a name that is there for type checkers alone
         return {}
-    return {name: hint for name, hint in hints.items() if name != "return" and _limited(hint)}
+    hints.pop("return", None)
+    return {name: hint for name, hint in hints.items() if _limited(hint) or component_kind(hint) is not None}
 
 
 def _limited(hint: Any) -> bool:

@@ -119,7 +119,7 @@ class Replay(Stateful):
         if assigner.learns or self._counts != store.before.tolist():
             self.relabel(store.windows, assigner.rewards(store.windows) - cost, checked=True)
         else:
-            self.extend(store.windows, assigner.rewards(store.new) - cost)
+            self.extend(store.windows, assigner.rewards(store.new) - cost, checked=True)
 
     def relabel(self, windows: Windows, rewards: Tensor, checked: bool = False) -> None:
         """Take rewards [R, n] for all rows of all windows so far.
@@ -143,17 +143,22 @@ class Replay(Stateful):
             shape, device = rewards.shape, rewards.device
             self._columns = {name: torch.zeros(shape, dtype=kind, device=device) for name, kind in self._kinds.items()}
         self._counts = [0] * len(rewards)
-        self.extend(windows, rewards)
+        self.extend(windows, rewards, checked=True)
 
-    def extend(self, windows: Windows, rewards: Tensor) -> None:
+    def extend(self, windows: Windows, rewards: Tensor, checked: bool = False) -> None:
         """Take rewards for the rows of each replica that are new among all windows so far; raises as `relabel` does.
 
         Args:
-            windows: all. rewards: of the new rows [R, m], as those of a store's newest windows stand.
+            windows: all. rewards: of the new rows [R, m], as those of a store's newest windows stand. checked: whether
+                somebody made sure that they fit the problem.
         """
         if not self._counts:
-            self.relabel(windows, rewards, checked=True)
+            self.relabel(windows, rewards, checked)
             return
+        if not checked:
+            check_windows(windows, self._problem)
+            if not rewards.isfinite().all():
+                raise UserError(f"new rewards are {rewards[~rewards.isfinite()][0].item()}; give finite numbers")
         rows, before = len(windows), self._counts
         counts = [rows] * len(rewards) if windows.count is None else windows.count.tolist()
         if not all(counts):

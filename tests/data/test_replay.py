@@ -167,6 +167,8 @@ def test_rewards_of_a_part_full_replay_are_replaced_everywhere(make_trajectories
             sampled = replay.at(torch.arange(count), replica).returns
             assert torch.equal(sampled, rewards[replica, :count].float())
     store.append(make_trajectories([[2], [3]], [[1.0], [0.0]], first=9))
+    with pytest.raises(UserError, match="new rewards are nan; give finite numbers"):
+        replay.extend(store.windows, torch.full((2, 3), torch.nan))
     replay.extend(store.windows, torch.full((2, 3), 7.0))
     assert replay.rewards[0, 16:].tolist() == [7.0, 7.0]
     assert replay.rewards[1, 11:14].tolist() == [7.0, 7.0, 7.0]
