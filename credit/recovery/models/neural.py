@@ -129,7 +129,8 @@ class NeuralModel(RewardModel):
         rows = inputs[replica, steps.rows].float()
         rows = rows.sub_(self._mean[:, None, None]).mul_(self._scale[:, None, None])[self._owner]
         shares, labels = (steps.weights / self._problem.window)[self._owner], windows.labels.float()[self._owner]
-        self._descend(rows, shares, labels, self.steps if self._fits else self.first_steps)
+        labelled = None if windows.labelled is None else windows.labelled[self._owner]
+        self._descend(rows, shares, labels, labelled, self.steps if self._fits else self.first_steps)
         self._fits += 1
         self._check()
         self._posterior.fitted(rows, shares)
@@ -167,13 +168,13 @@ class NeuralModel(RewardModel):
             self._scale[replica] = torch.where(deviation > TINY, deviation, 1.0).reciprocal()
 
     @flushed()
-    def _descend(self, rows: Tensor, shares: Tensor, labels: Tensor, count: int) -> None:
+    def _descend(self, rows: Tensor, shares: Tensor, labels: Tensor, labelled: Tensor | None, count: int) -> None:
         """Gradient steps on inputs [M, K, P, d], of which each has a share [M, K, P] in the label [M, K]."""
         members, trajectories, steps, size = rows.shape
         uniform = np.stack([g.random((count, self.batch)) for g in self._batches])
         first = trajectories * torch.arange(members, device=self._device).view(-1, 1, 1)
         chances = torch.from_numpy(uniform).to(self._device)
-        drawn = (balanced(labels, chances, self.balance) + first).unbind(1)
+        drawn = (balanced(labels, chances, self.balance, labelled) + first).unbind(1)
         offset = self._posterior.offset(rows.view(members, -1, size))
         rows, shares, labels = rows.view(-1, steps * size), shares.view(-1, steps), labels.flatten()
         offset = None if offset is None else offset.reshape(-1, steps)
