@@ -18,23 +18,44 @@ class Standard(Scaler):
     all values; and where no reward is above zero, to arrive sooner is better.
 
     Args:
-        clip: how far a reward may lie from the median, in standard deviations; null for as far as it likes.
+        clip: how far a reward may lie from the median, in standard deviations.
         quantile: that of the clipped rewards which becomes zero, and the most that a reward can be; null for neither.
     """
 
-    def __init__(self, clip: Positive | None = 1.0, quantile: Probability | None = 0.99) -> None:
+    def __init__(self, clip: Positive = 1.0, quantile: Probability | None = 0.99) -> None:
         self.clip, self.quantile = clip, quantile
 
     def __call__(self, rewards: Tensor) -> tuple[Tensor, Tensor]:
         """The scaled rewards [n] of one replica, and the deviation [] by which they were divided; a constant is not."""
-        if rewards.dim() != 1:
-            raise ValueError(f"a scaler is given the rewards of one replica [n], and these are {list(rewards.shape)}")
-        if not len(rewards):
+        if not len(one_replica(rewards)):
             return rewards, rewards.new_ones(())
         deviation = rewards.std(correction=0)
         unit = torch.where(deviation > TINY * rewards.abs().max(), deviation, 1.0)
         scaled = rewards / unit
-        if self.clip is not None:
-            median = scaled.quantile(0.5)
-            scaled = scaled.clamp(median - self.clip, median + self.clip)
+        median = scaled.quantile(0.5)
+        scaled = scaled.clamp(median - self.clip, median + self.clip)
         return (scaled if self.quantile is None else (scaled - scaled.quantile(self.quantile)).clamp_(max=0)), unit
+
+
+class RootMeanSquare(Scaler):
+    """Divide by the root of the mean square: no reward changes its sign, and none is cut off.
+
+    A deviation would do for most, but not for rewards that hardly differ, as those of a task that pays for every step.
+    """
+
+    def __call__(self, rewards: Tensor) -> tuple[Tensor, Tensor]:
+        """The scaled rewards [n] of one replica, and the unit [] by which they were divided; 1 where all are zero."""
+        size = one_replica(rewards).square().mean().sqrt() if len(rewards) else rewards.new_zeros(())
+        unit = torch.where(size > 0, size, 1.0)
+        return rewards / unit, unit
+
+
+def one_replica(rewards: Tensor) -> Tensor:
+    """Rewards [n], of one replica.
+
+    Raises:
+        ValueError: of several.
+    """
+    if rewards.dim() != 1:
+        raise ValueError(f"a scaler is given the rewards of one replica [n], and these are {list(rewards.shape)}")
+    return rewards
