@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-START_SECONDS = 60.0
+START_SECONDS = 300.0
 NOBODY = "nobody"  # PostgreSQL refuses to run as root
 
 

@@ -24,6 +24,8 @@ def explain(error: Exception, overrides: Sequence[str], config_dirs: Sequence[st
     """
     if isinstance(error, RecursionError):
         paths = [path for kind in (*KINDS, *CHOICES) for path in files.circular(kind, config_dirs)]
+        if not paths:
+            return f"{' '.join(overrides)}: no key that these words need is there; take the last ones out one by one"
         return f"{', '.join(map(str, paths))}: starts from itself; take that out of its defaults list"
     message = str(error)
     written = re.findall(r"(?:Interpolation key|Could not override) '([\w.]+)'", message)
