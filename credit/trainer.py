@@ -14,7 +14,7 @@ from credit.agents.random import Random
 from credit.core.belief import Belief
 from credit.core.capabilities import parts_of, require
 from credit.core.component import Component
-from credit.core.errors import RunError, UserError
+from credit.core.errors import RunError
 from credit.core.knowledge import inform
 from credit.core.ranges import NonNegativeInt, PositiveInt
 from credit.core.seams import Agent, CreditAssigner, Environment, Feedback
@@ -22,6 +22,7 @@ from credit.core.store import Store
 from credit.core.windows import Windows
 from credit.envs.collect import Collector
 from credit.judges.choose import judge
+from credit.rounds import Plan, problem_of
 
 Log = Callable[[int, dict[str, Tensor]], None]
 
@@ -35,17 +36,20 @@ class Trainer(Component):
         assigner: windows → one reward per step.
         agent: rewards → policy.
         steps: primitive steps a run; a last window that they cut short gives no label and is not learned from. Where
-            trajectories may end early, each counts for its longest.
+            trajectories may end early, and rounds are of windows, each counts for its longest.
         windows_per_round: windows collected between two refits.
         first_windows: windows at the start that are collected in rounds of their own size,
         first_windows_per_round: which is this.
         random_windows: windows at the start in which actions are random.
-        log_every: windows between two rows of the journal.
+        log_every: windows between two rows of the journal; where rounds are of steps, rounds.
+        steps_per_round: steps of each replica between two refits; None: rounds are of windows. Where they are of steps,
+            copies go on from round to round, and windows may be parts of episodes.
+        random_steps: steps at the start in which actions are random, where rounds are of steps.
     """
 
     keeps: ClassVar = (
         *("env", "feedback", "collector", "assigner", "agent", "_explorer", "judge", "store"),
-        *("rounds", "collected"),
+        *("rounds", "given", "collected", "_seen"),
     )
 
     def __init__(
@@ -60,6 +64,8 @@ class Trainer(Component):
         first_windows_per_round: PositiveInt = 1,
         random_windows: NonNegativeInt = 0,
         log_every: PositiveInt = 40,
+        steps_per_round: PositiveInt | None = None,
+        random_steps: NonNegativeInt = 0,
     ) -> None:
         self.env = env
         self.feedback = feedback
@@ -72,6 +78,8 @@ class Trainer(Component):
         self.random_windows = random_windows
         self._explorer = Random()
         self.log_every = log_every
+        self.steps_per_round = steps_per_round
+        self.random_steps = random_steps
 
     def start(self, seeds: tuple[int, ...], device: torch.device | str = "cpu") -> None:
         """Make the state of one replica a seed; everything that can be refused is refused here.
@@ -79,22 +87,8 @@ class Trainer(Component):
         Raises:
             UserError: the parts do not go together with these sizes.
         """
-        window = self.feedback.window
-        if self.steps < window:
-            raise UserError(f"trainer.steps={self.steps}: shorter than one window (feedback.window={window})")
-        whole = self.steps // window
-        for key in ("windows_per_round", "first_windows_per_round", "random_windows"):
-            if getattr(self, key) > whole:
-                raise UserError(
-                    f"trainer.{key}={getattr(self, key)}: more than the {whole} windows of the whole run "
-                    f"(trainer.steps={self.steps}, feedback.window={window}); take at most {whole}, or more steps"
-                )
-        self.problem = replace(self.env.problem(window, seeds, device), labels=self.feedback.kind)
-        if self.steps % window and self.problem.episodic and not self.problem.tabular:
-            raise UserError(
-                f"trainer.steps={self.steps}: trajectories cannot be cut short; take a multiple of feedback.window="
-                f"{window}, like {max(whole, 1) * window}"
-            )
+        self.problem = problem_of(self.env, self.feedback, seeds, device, rolling=self.steps_per_round is not None)
+        self.plan = Plan.of(self, self.problem)
         roots = {"feedback": self.feedback, "assigner": self.assigner, "agent": self.agent}
         require(roots, self.problem)
         self.env.start(self.problem)
@@ -107,7 +101,9 @@ class Trainer(Component):
         self.store = Store(self.problem, self.steps if self.problem.tabular else 0)
         self._shows_primitive = any(part.sees_primitive for _, part in parts)
         self.rounds = 0  # that were learned from
-        self.collected = 0  # windows of each replica, without demonstrations
+        self.given = 0  # windows of demonstrations
+        self._seen = 0  # of what is collected, what was learned from
+        self.collected = 0  # windows of each replica, or steps, without demonstrations
 
     def run(
         self,
@@ -118,7 +114,7 @@ class Trainer(Component):
         """Take all steps, or those that are left after `load_state_dict`.
 
         Args:
-            log: called with the step and the metrics [R] every `log_every` windows and at the end, and at the start
+            log: called with the step and the metrics [R] as `log_every` says and at the end, and at the start
                 where there are demonstrations.
             progress: called with the number of steps taken so far.
             between: called between two rounds, where the state is whole; it may raise to end the run there.
@@ -126,24 +122,29 @@ class Trainer(Component):
         Raises:
             RunError: a label is NaN or infinite, or a network is.
         """
-        whole, rest = divmod(self.steps, self.problem.window)
+        plan = self.plan
         demonstrations = None if self.rounds else self.env.demonstrations()
         if demonstrations is not None:
             self._learn(*demonstrations)
+            self.given = len(self.store)
             log(0, self.metrics())
             between()
-        while self.collected < whole:
-            before, count = self.collected, min(self._round(self.collected), whole - self.collected)
-            windows, primitive = self._collect(count)
+        while self.collected < plan.whole:
+            before, count = self.collected, plan.size(self.collected)
+            actor = self._actor()
+            found = self.collector.roll(actor, count) if plan.rolling else self.collector.collect(actor, count)
             self.collected += count
-            self._learn(windows, primitive, checked=True)
-            progress(self.collected * self.problem.window)
-            if self.collected // self.log_every > before // self.log_every and (self.collected < whole or rest):
-                log(self.collected * self.problem.window, self.metrics())
-            if self.collected < whole:  # what a last round leaves is not all state
+            if found is not None:
+                taken = self.collected - self._seen if plan.rolling else None
+                self._learn(*self._judged(*found, actor), checked=True, taken=taken)
+                self._seen = self.collected
+            progress(self.collected * plan.unit)
+            if self.collected // plan.every > before // plan.every and (self.collected < plan.whole or plan.rest):
+                log(self.collected * plan.unit, self.metrics())
+            if self.collected < plan.whole:  # what a last round leaves is not all state
                 between()
-        if rest:
-            windows, primitive = self.collector.collect(self._actor(), 1, rest)
+        if plan.rest:
+            windows, primitive = self.collector.collect(self._actor(), 1, plan.rest)
             self.judge.update(windows, primitive, self._actor(), complete=False)
         progress(self.steps)
         log(self.steps, self.metrics())
@@ -158,28 +159,21 @@ class Trainer(Component):
         return self.assigner.belief()
 
     def _actor(self) -> Agent:
-        return self._explorer if self.collected < self.random_windows else self.agent
+        return self._explorer if self.collected < self.plan.random else self.agent
 
-    def _round(self, done: int) -> int:
-        """How many windows come before the next refit; a round crosses neither border."""
-        size = self.first_windows_per_round if done < self.first_windows else self.windows_per_round
-        ends = [end - done for end in (self.first_windows, self.random_windows) if end > done]
-        return min([size, *ends])
-
-    def _collect(self, count: int) -> tuple[Windows, Tensor]:
-        actor = self._actor()
-        windows, primitive = self.collector.collect(actor, count)
+    def _judged(self, windows: Windows, primitive: Tensor, actor: Agent) -> tuple[Windows, Tensor]:
+        """New windows, looked through and shown to the judge."""
         if not math.isfinite(float(windows.labels.sum())) and not (finite := windows.labels.isfinite()).all():
             replica, k = (int(i) for i in (~finite).nonzero()[0])
             raise RunError(
-                f"window {self.collected + k} of seed {self.problem.seeds[replica]} has the label "
+                f"window {len(self.store) + k} of seed {self.problem.seeds[replica]} has the label "
                 f"{float(windows.labels[replica, k])}: labels must be finite; look at env's reward and at feedback"
             )
         self.judge.update(windows, primitive, actor)
         return windows, primitive
 
-    def _learn(self, windows: Windows, primitive: Tensor, checked: bool = False) -> None:
-        self.store.append(replace(windows, primitive=primitive) if self._shows_primitive else windows, checked)
+    def _learn(self, windows: Windows, primitive: Tensor, checked: bool = False, taken: int | None = None) -> None:
+        self.store.append(replace(windows, primitive=primitive) if self._shows_primitive else windows, checked, taken)
         try:
             self.assigner.observe(self.store)
             self.agent.improve(self.store, self.assigner)

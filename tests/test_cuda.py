@@ -16,7 +16,8 @@ def test_every_method_runs_on_cuda(method):
     short = ["tracking=none", f"method={method}", "device=cuda", "trainer.steps=150", "replicas=2"]
     configs = (
         registry.compose([f"experiment={name}", *short])
-        for name in sorted(files.options("experiment").keys() - {"generic"})
+        for name in sorted(files.options("experiment"))
+        if not name.startswith("generic")
     )
     config = next(config for config in configs if not check(config).problems)
     trainer = schema.build(checked(config), "trainer")

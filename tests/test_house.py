@@ -20,7 +20,7 @@ HOUSE = Path(credit.__file__).resolve().parent
 CORE = {"core"}
 TOOLS = {"networks", "planning", "data"}
 COMPONENTS = {"envs", "recovery", "rivals", "agents", "judges"}
-LOOP = CORE | TOOLS | COMPONENTS | {"trainer"}
+LOOP = CORE | TOOLS | COMPONENTS | {"trainer", "rounds"}
 READERS = {"tracking", "report"}
 EVERYBODYS = {"renamed"}  # a table of old names, which imports nothing
 BELOW: dict[str, set[str]] = {  # room → the rooms that it may import, beside itself
@@ -28,6 +28,7 @@ BELOW: dict[str, set[str]] = {  # room → the rooms that it may import, beside 
     **dict.fromkeys(TOOLS, CORE),
     **dict.fromkeys(COMPONENTS, CORE | TOOLS),
     "rivals": CORE | TOOLS | {"recovery.models"},  # a rival may use a model of recovery's
+    "rounds": CORE,
     "trainer": LOOP,
     "config": CORE,
     "runs": LOOP | {"config"},

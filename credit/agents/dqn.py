@@ -15,7 +15,7 @@ from credit.agents.moments import Moments, Vectors
 from credit.core.errors import UserError
 from credit.core.policy import Policy
 from credit.core.problem import FLOAT, Problem
-from credit.core.ranges import Positive, PositiveInt, Probability
+from credit.core.ranges import NonNegative, NonNegativeInt, Positive, PositiveInt, Probability
 from credit.core.seams import Agent, CreditAssigner, FeatureMap
 from credit.core.store import Store
 from credit.core.streams import Stream
@@ -39,12 +39,14 @@ class DQN(Agent):
         discount: γ.
         hidden: widths of the layers between input and action values.
         batch: steps a gradient step.
-        updates: gradient steps a window.
+        updates: gradient steps a window. update_ratio: gradient steps for each step taken; 0 leaves it to `updates`.
         target_sync: gradient steps between two copies of the network to the target network Q⁻.
         capacity: windows that are remembered, the newest ones.
         epsilon: exploration in the first window.
         epsilon_floor: exploration in the end.
-        epsilon_windows: windows over which ε falls from one to the other, linearly.
+        epsilon_windows: windows over which ε falls from one to the other, linearly. epsilon_steps: steps over which it
+            does; 0 leaves it to `epsilon_windows`.
+        n_step: steps of reward before the bootstrap.
         monte_carlo: m, the share of the return in the target.
         double: whether a* is the network's choice (double DQN) or that of the target network itself.
         loss: squared error, or smooth_l1, which is linear beyond an error of 1.
@@ -55,7 +57,7 @@ class DQN(Agent):
 
     actions: ClassVar = "finite"
     setting: ClassVar = "episodic"
-    keeps: ClassVar = ("_online", "_target", "_adam", "_replay", "_stream", "_windows", "_updates")
+    keeps: ClassVar = ("_online", "_target", "_adam", "_replay", "_stream", "_windows", "_steps", "_updates")
 
     def __init__(
         self,
@@ -65,11 +67,14 @@ class DQN(Agent):
         hidden: Sequence[PositiveInt] = (64, 64),
         batch: PositiveInt = 64,
         updates: PositiveInt = 1,
+        update_ratio: NonNegative = 0.0,
+        n_step: PositiveInt = 1,
         target_sync: PositiveInt = 100,
         capacity: PositiveInt = 5000,
         epsilon: Probability = 1.0,
         epsilon_floor: Probability = 0.05,
         epsilon_windows: PositiveInt = 900,
+        epsilon_steps: NonNegativeInt = 0,
         monte_carlo: Probability = 0.0,
         double: bool = True,
         loss: Literal["l2", "smooth_l1"] = "l2",
@@ -84,12 +89,13 @@ class DQN(Agent):
         self.discount = discount
         self.hidden = tuple(hidden)
         self.batch = batch
-        self.updates = updates
+        self.updates, self.update_ratio = updates, update_ratio
+        self.n_step = n_step
         self.target_sync = target_sync
         self.capacity = capacity
         self.epsilon = epsilon
         self.epsilon_floor = epsilon_floor
-        self.epsilon_windows = epsilon_windows
+        self.epsilon_windows, self.epsilon_steps = epsilon_windows, epsilon_steps
         self.monte_carlo = monte_carlo
         self.double = double
         self.loss = loss
@@ -105,10 +111,10 @@ class DQN(Agent):
         self._target = deepcopy(self._online)
         self._adam = torch.optim.Adam(self._online.parameters(), lr=self.learning_rate)
         self._replay = Replay(
-            problem, 1, self.discount, capacity=self.capacity, outcome=self.monte_carlo > 0, kind=FLOAT
+            problem, self.n_step, self.discount, capacity=self.capacity, outcome=self.monte_carlo > 0, kind=FLOAT
         )
         self._stream = Stream(problem, "epsilon-greedy", "uniform", 2)
-        self._windows, self._updates = 0, 0
+        self._windows, self._steps, self._updates = 0, 0, 0
         self._policy = self._view.greedy(self._online)
 
     def act(self, states: Tensor, step: Tensor) -> Tensor:
@@ -119,9 +125,13 @@ class DQN(Agent):
         """See all that is remembered with the newest rewards, and fit."""
         count = store.new.labels.shape[1]
         self._replay.update(store, assigner)
-        for batch in self._replay.sample(self.batch, self.updates * count):
+        updates = self.updates * count
+        if self.update_ratio:  # what is left of one goes to the next round
+            updates = int(self.update_ratio * (self._steps + store.taken)) - int(self.update_ratio * self._steps)
+        for batch in self._replay.sample(self.batch, updates):
             self._fit(batch)
         self._windows += count
+        self._steps += store.taken
         self._policy = self._view.greedy(self._online)
 
     def policies(self) -> dict[str, Policy]:
@@ -138,16 +148,18 @@ class DQN(Agent):
         self._policy = self._view.greedy(self._online)
 
     def _exploration(self) -> float:
-        done = min(self._windows / self.epsilon_windows, 1)
+        done = self._steps / self.epsilon_steps if self.epsilon_steps else self._windows / self.epsilon_windows
+        done = min(done, 1)
         return self.epsilon + (self.epsilon_floor - self.epsilon) * done
 
     def _fit(self, batch: Batch) -> None:
         """One gradient step on B steps of every replica."""
         assert batch.step is not None
-        after = batch.step + 1
-        over = (batch.discount == 0) | (after >= self._problem.window)  # no network has seen what is behind step T
+        after = batch.step + 1 if batch.after is None else batch.after
+        over = (batch.discount == 0) | (after >= self._problem.horizon)  # no network has seen what is behind step T
         ahead = self._ahead(self._view(batch.ahead, after)).masked_fill(over, 0)
-        goal = targets(batch.returns, ahead, batch.outcome, self.discount, self.monte_carlo).to(PRECISION)
+        discount = self.discount if batch.after is None else batch.discount
+        goal = targets(batch.returns, ahead, batch.outcome, discount, self.monte_carlo).to(PRECISION)
         seen = self._view(batch.observation, batch.step)
         values = self._online(seen).gather(-1, batch.action.unsqueeze(-1)).squeeze(-1)
         # the sum over replicas gives each the gradient that it would have alone
@@ -167,7 +179,9 @@ class DQN(Agent):
         return values.gather(-1, choice).squeeze(-1)
 
 
-def targets(reward: Tensor, ahead: Tensor, outcome: Tensor | None, discount: float, monte_carlo: float) -> Tensor:
+def targets(
+    reward: Tensor, ahead: Tensor, outcome: Tensor | None, discount: float | Tensor, monte_carlo: float
+) -> Tensor:
     """(1−m)·(r + γ·ahead) + m·G of rewards r, next values (0 after a last step) and returns G, all of one shape.
 
     Without returns m is 0.

@@ -39,7 +39,7 @@ class FiniteHorizon(Planner):
             self._order = 1 + self._stream.next().view(-1, problem.states, problem.actions)
         values = problem.zeros(problem.states)
         policy, goes_on = list[Tensor](), self.goes_on
-        for step in reversed(range(problem.window)):
+        for step in reversed(range(problem.horizon)):
             now, arrival = cells.at(reward, step, (problem.states, problem.actions))
             ahead = now + self.transition.backup(arrival + goes_on * values)
             values = ahead.amax(-1)

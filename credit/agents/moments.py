@@ -30,18 +30,18 @@ class Moments:
             seen = torch.eye(problem.states, dtype=PRECISION, device=problem.device)
         else:
             seen = features(Steps(states, nothing, nothing, nothing)).to(PRECISION)
-        clock = torch.eye(problem.window, dtype=PRECISION, device=problem.device)
+        clock = torch.eye(problem.horizon, dtype=PRECISION, device=problem.device)
         # of every moment t·S + s [T·S, d+T]
-        self._inputs = torch.cat([seen.repeat(problem.window, 1), clock.repeat_interleave(len(states), dim=0)], dim=1)
+        self._inputs = torch.cat([seen.repeat(problem.horizon, 1), clock.repeat_interleave(len(states), dim=0)], dim=1)
         self.size = self._inputs.shape[1]
 
     def __call__(self, states: Tensor, step: Tensor) -> Tensor:
         """Inputs [..., size] for states [...] at steps [...]; behind the last step, the last one stands in."""
-        return self._inputs[step.clamp(max=self._problem.window - 1) * self._problem.states + states]
+        return self._inputs[step.clamp(max=self._problem.horizon - 1) * self._problem.states + states]
 
     def greedy(self, values: ReplicaMLP) -> Policy:
         """The best action in every moment, as a table."""
-        best = values.best(self._inputs).view(-1, self._problem.window, self._problem.states)
+        best = values.best(self._inputs).view(-1, self._problem.horizon, self._problem.states)
         return TablePolicy(best, self._problem.actions)
 
 
@@ -66,7 +66,7 @@ class Vectors:
         if self._features is not None:
             nothing = torch.zeros_like(step)
             seen = self._features(Steps(states, nothing, states, step))
-        share = step.unsqueeze(-1) / self._problem.window
+        share = step.unsqueeze(-1) / self._problem.horizon
         return torch.cat([seen.to(PRECISION), share.to(PRECISION)], dim=-1)
 
     def greedy(self, values: ReplicaMLP) -> Policy:

@@ -100,7 +100,7 @@ class Planner(Agent):
         self._total.scatter_add_(1, pairs, rewards * once)
         self._visits.scatter_add_(1, pairs, once)
         table = mean_rewards(self._total, self._visits)
-        return Cells.over(PAIRS, problem.window, problem.states, problem.actions), table, table
+        return Cells.over(PAIRS, problem.horizon, problem.states, problem.actions), table, table
 
 
 def mean_rewards(total: Tensor, visits: Tensor) -> Tensor:

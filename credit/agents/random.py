@@ -20,9 +20,13 @@ class Random(Agent):
 
     def start(self, problem: Problem) -> None:
         """Make the action streams."""
-        kind, purpose = (Numbers, "random policy") if problem.finite_actions else (Forces, "random policy, act")
-        self._acting: Numbers | Forces = kind(problem, purpose)
-        self._judged: Numbers | Forces = kind(problem, "random policy, evaluation")
+        self._acting: Numbers | Forces
+        self._judged: Numbers | Forces
+        if problem.finite_actions:
+            self._acting, self._judged = (Numbers(problem, f"random policy{use}") for use in ("", ", evaluation"))
+        else:
+            self._acting = Forces(problem, "random policy, act", not problem.lockstep)
+            self._judged = Forces(problem, "random policy, evaluation", True)
 
     def act(self, states: Tensor, step: Tensor) -> Tensor:
         """A uniform action."""
@@ -60,19 +64,29 @@ class Numbers(Policy, Stateful):
 
 
 class Forces(Policy, Stateful):
-    """Uniform actions [R, K, A]; a round's are drawn at its start, so that none depends on how long others last."""
+    """Uniform actions [R, K, A]; where all begin together, an episode's are drawn at its start, so that none depends on
+    how long others last.
+
+    Args:
+        problem: A and the seeds. purpose: of the random numbers. together: whether all copies begin together.
+    """
 
     keeps: ClassVar = ("_generators",)
 
-    def __init__(self, problem: Problem, purpose: str) -> None:
+    def __init__(self, problem: Problem, purpose: str, together: bool) -> None:
         self._generators = generators(problem.seeds, purpose)
-        self._problem = problem
+        self._problem, self._together = problem, together
 
     def act(self, states: Tensor, step: Tensor) -> Tensor:
-        """The round's actions at its step."""
+        """The episode's actions at its step, or those of one step."""
+        if not self._together:
+            return self._drawn(1, states)[0]
         now = int(step.flatten()[0])
         if now == 0:
-            shape = (self._problem.window, states.shape[1], self._problem.actions)
-            drawn = [torch.from_numpy(g.uniform(-1, 1, shape)) for g in self._generators]
-            self._round = torch.stack(drawn, 1).to(states.device, torch.float32)
-        return self._round[now]
+            self._episode = self._drawn(self._problem.horizon, states)
+        return self._episode[now]
+
+    def _drawn(self, steps: int, states: Tensor) -> Tensor:
+        shape = (steps, states.shape[1], self._problem.actions)
+        drawn = [torch.from_numpy(g.uniform(-1, 1, shape)) for g in self._generators]
+        return torch.stack(drawn, 1).to(states.device, torch.float32)

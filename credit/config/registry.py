@@ -5,6 +5,7 @@ The YAML file is the registration: `conf/<kind>/<name>.yaml` names a class by `_
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -69,7 +70,9 @@ def _composed(words: tuple[str, ...], config_dirs: tuple[str, ...], stamp: objec
         if added := answers.of_constructor(error, words, config_dirs, compose):
             return _composed(tuple(added), config_dirs, stamp)
         raise UserError(answers.explain(error, words, config_dirs, compose)) from None
-    return found | ({"experiment": _folder_of(words, config_dirs)} if found.get("experiment") == GENERIC else {})
+    if found.get("experiment") != GENERIC:
+        return found
+    return found | {"experiment": _folder_of(words, config_dirs, found["env"].get("id"))}
 
 
 def with_experiment(overrides: Sequence[str], config_dirs: Sequence[str] = ()) -> list[str]:
@@ -79,7 +82,27 @@ def with_experiment(overrides: Sequence[str], config_dirs: Sequence[str] = ()) -
     env = chosen("env", overrides)
     if env is None or chosen("experiment", overrides) is not None:
         return list(overrides)
-    return [f"experiment={env if env in files.options('experiment', config_dirs) else GENERIC}", *overrides]
+    if env in files.options("experiment", config_dirs):
+        return [f"experiment={env}", *overrides]
+    own = [text for text in overrides if str(parse(text).key_or_group).partition(".")[0] == "env"]
+    return [f"experiment={_generic(tuple(own), tuple(config_dirs), files.stamp(config_dirs))}", *overrides]
+
+
+@lru_cache(maxsize=64)
+def _generic(words: tuple[str, ...], config_dirs: tuple[str, ...], stamp: object) -> str:
+    """The generic experiment of an environment, by what its states and actions are."""
+    from credit.config import schema
+
+    node = _composed((f"experiment={GENERIC}", *words), config_dirs, stamp)
+    if "???" in node["env"].values():
+        return GENERIC
+    env = schema.build(node, "env")
+    problem = env.problem(env.horizon or 1, (0,), "cpu")
+    if not problem.finite_actions:
+        return f"{GENERIC}_control"
+    if not problem.finite_states:
+        return f"{GENERIC}_discrete"
+    return f"{GENERIC}_episodes" if problem.episodic else GENERIC
 
 
 def chosen(group: str, overrides: Sequence[str]) -> str | None:
@@ -88,11 +111,13 @@ def chosen(group: str, overrides: Sequence[str]) -> str | None:
     return found[-1] if found and isinstance(found[-1], str) else None
 
 
-def _folder_of(words: Sequence[str], config_dirs: Sequence[str]) -> str:
+def _folder_of(words: Sequence[str], config_dirs: Sequence[str], id: object) -> str:
     """What the generic experiment is called with this environment: no name that another experiment has."""
     env = chosen("env", words)
     if env is None:
         raise UserError(f"experiment={GENERIC} needs an environment; add env=<option> (see `credit list env`)")
+    if isinstance(id, str) and id != "???":  # of an environment that is many
+        env = re.sub(r"[^\w.-]+", "-", id)
     return env if env not in files.options("experiment", config_dirs) else f"{GENERIC}_{env}"
 
 

@@ -38,7 +38,11 @@ def check_windows(windows: Windows, problem: Problem) -> None:
     if windows.last is not None:
         rows = len(windows) if windows.count is None else windows.count.unsqueeze(1)
         allowed = "windows have at least one row each, and lie within the rows of their replica"
-        _refuse((windows.lengths > 0) & (windows.last < rows), windows.last, "last row", "window", problem, allowed)
+        some = windows.lengths > 0 if windows.labelled is None else (windows.lengths > 0) | ~windows.labelled
+        _refuse(some & (windows.last < rows), windows.last, "last row", "window", problem, allowed)
+    if windows.labelled is not None and windows.labelled.shape != windows.labels.shape:
+        shapes = f"{list(windows.labelled.shape)}, and labels {list(windows.labels.shape)}"
+        raise UserError(f"labelled has the shape {shapes}: it says of each window whether it has one")
     _refuse(windows.labels.isfinite(), windows.labels, "label", "window", problem, "labels are finite numbers")
     state = problem.states if problem.finite_states else None
     action = problem.actions if problem.finite_actions else None

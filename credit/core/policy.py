@@ -61,5 +61,5 @@ def tabulate(policy: Policy, problem: Problem) -> Tensor | None:
     if type(policy) is TablePolicy:
         return policy.actions
     states = torch.arange(problem.states, device=problem.device)
-    found = [policy.probabilities(states, step) for step in range(problem.window)]
+    found = [policy.probabilities(states, step) for step in range(problem.horizon)]
     return None if any(part is None for part in found) else torch.stack(found, dim=1)  # type: ignore[arg-type]

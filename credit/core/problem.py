@@ -43,8 +43,11 @@ class Problem(Replicas):
         window: T, most steps that share one label.
         seeds: one seed a replica; R = len(seeds).
         device: where tensors live.
-        episodic: whether every window starts anew.
+        episodic: whether there are episodes; else the task goes on for ever.
+        horizon: H, most steps of an episode; where nobody says so, a window is an episode.
         labels: of which kind they are, where somebody says so.
+        lockstep: whether all replicas take as many steps in every round.
+        even: whether all windows have T steps and a label.
 
     Example:
         >>> Problem.finite(10, 3, window=7, seeds=(0,))
@@ -57,7 +60,15 @@ class Problem(Replicas):
     seeds: tuple[int, ...]
     device: torch.device
     episodic: bool = False
+    horizon: int = 0
     labels: LabelKind | None = None
+    lockstep: bool = False
+    even: bool = True
+
+    def __post_init__(self) -> None:
+        """A window that nobody says to be a part of an episode is one."""
+        if not self.horizon:
+            object.__setattr__(self, "horizon", self.window)
 
     @classmethod
     def finite(
@@ -126,7 +137,7 @@ class Problem(Replicas):
     @cached_property
     def cells(self) -> Cells:
         """The S·A pairs as cells."""
-        return Cells.over(PAIRS, self.window, self.states, self.actions)
+        return Cells.over(PAIRS, self.horizon, self.states, self.actions)
 
 
 def _count(space: Space) -> int:

@@ -34,14 +34,21 @@ class Feedback(Component):
     """The rule that makes a label, the only place that sees primitive rewards: `feedback(rewards [R,K,T]) -> [R,K]`.
 
     Attributes:
-        window: T, most steps of a window.
+        window: T, most steps of a window; None for a whole episode.
+        lengths: least and most steps, where they are drawn anew for each window.
+        missing, delay, delay_windows, cut: how labels arrive, as `credit.envs.feedback.Labels` says.
         objective: what it asks for, so that a judge knows what to judge; every feedback says it.
         kind: of its labels: real numbers, or bits, of which 1 says success.
         reads: a fact of the environment that it is shown instead of the reward, where the environment tells it.
         whole: whether it needs windows of T steps; environments whose episodes may end before are refused.
     """
 
-    window: int
+    window: int | None
+    lengths: tuple[int, int] | None = None
+    missing: float = 0.0
+    delay: int = 0
+    delay_windows: int = 0
+    cut: Literal["label", "drop"] = "label"
     objective: ClassVar[Objective | str]
     kind: ClassVar[LabelKind] = "real"
     reads: ClassVar[str | None] = None
@@ -54,6 +61,10 @@ class Feedback(Component):
     @abstractmethod
     def __call__(self, rewards: Tensor) -> Tensor:
         """Labels Y [R, K] of windows with primitive rewards [R, K, T], 0 behind the end of a shorter one."""
+
+    def label(self, rewards: Tensor, lengths: Tensor) -> Tensor:
+        """The same, of windows whose lengths [R, K] are known, 0 where there is none."""
+        return self(rewards)
 
 
 class FeatureMap(Component):
@@ -334,12 +345,16 @@ class Environment(Component):
     Attributes:
         copies: K, how many episodes of a replica run at once; None for as many as are collected. It is 1 where the
             task goes on for ever.
+        horizon: most steps of an episode, where it has a limit of its own.
         ends_early: whether an episode may end before its window does; else every window has T steps.
+        rolls: whether copies may begin episodes one by one while others go on, and be saved in mid-episode.
         evaluation_episodes: of each replica, in each evaluation by rollouts.
     """
 
     copies: int | None = None
+    horizon: int | None = None
     ends_early: ClassVar[bool] = True
+    rolls: ClassVar[bool] = True
     evaluation_episodes: int = 20
 
     @abstractmethod

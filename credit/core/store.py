@@ -40,22 +40,26 @@ class Store(Stateful):
         self._problem, self._room, self._device = problem, max(rows, 1), problem.device
         self._columns: dict[str, Tensor] = {}  # [R, room, ...]
         self._labels = problem.zeros(1)
+        self._labelled = torch.ones(problem.replicas, 1, dtype=torch.bool, device=problem.device)
+        self._partial = False  # whether a window has no label
         self._last = torch.zeros(problem.replicas, 1, dtype=torch.int64, device=problem.device)
         self._rows = torch.zeros(problem.replicas, dtype=torch.int64)  # of each replica
         self._level: int | None = 0  # the same, where all replicas have as many: what the hot path asks for
         self._windows, self._length = 0, -1  # K; T, 0 where windows differ, −1 as long as there are none
         self._new: Windows | None = None
         self.before = self._rows  # rows of each replica before the last append [R]
+        self.taken = 0  # steps that led to the last append, of the replica that took the most
 
     def __len__(self) -> int:
         """K."""
         return self._windows
 
-    def append(self, windows: Windows, checked: bool = False) -> None:
+    def append(self, windows: Windows, checked: bool = False, taken: int | None = None) -> None:
         """Add windows; they are `new` until the next append. There may be none.
 
         Args:
             windows: K of them for every replica. checked: whether somebody made sure that they fit the problem.
+            taken: steps that each replica took for them, where that is not their rows: a window may still be open.
 
         Raises:
             UserError: a label is not finite, or a state or an action is not one of the problem's.
@@ -72,6 +76,7 @@ class Store(Stateful):
             )
         self._length = length
         self.before = self._rows
+        self.taken = len(windows) if taken is None else taken
         added = len(windows) if windows.count is None else windows.count.cpu()
         rows = self._rows + added
         level = self._level if windows.count is None else None
@@ -95,7 +100,10 @@ class Store(Stateful):
         start, stop = self._windows, self._windows + windows.labels.shape[1]
         if stop > self._labels.shape[1]:
             self._labels, self._last = grown(self._labels, stop), grown(self._last, stop)
+            self._labelled = grown(self._labelled, stop)
         self._labels[:, start:stop] = windows.labels
+        self._labelled[:, start:stop] = True if windows.labelled is None else windows.labelled
+        self._partial |= windows.labelled is not None
         if windows.length is None:
             self._last[:, start:stop] = windows.ends + self._rows.to(self._device).unsqueeze(1)
         self._windows = stop
@@ -122,11 +130,12 @@ class Store(Stateful):
             raise UserError(EMPTY)
         rows = int(self._rows.max()) if self._level is None else self._level
         columns: dict[str, Any] = {name: block[:, :rows] for name, block in self._columns.items()}
-        labels = self._labels[:, : self._windows]
+        columns["labels"] = self._labels[:, : self._windows]
+        columns["labelled"] = self._labelled[:, : self._windows] if self._partial else None
         if self._length:
-            return Windows(**columns, labels=labels, length=self._length)
+            return Windows(**columns, length=self._length)
         count = self._rows.to(self._device) if self._level is None else None
-        return Windows(**columns, labels=labels, last=self._last[:, : self._windows], count=count)
+        return Windows(**columns, last=self._last[:, : self._windows], count=count)
 
     def state_dict(self) -> dict[str, Any]:
         """All windows, without the room for more."""
@@ -135,6 +144,7 @@ class Store(Stateful):
             "columns": {name: block[:, :rows].cpu().clone() for name, block in self._columns.items()},
             "labels": self._labels[:, : self._windows].cpu().clone(),
             "last": self._last[:, : self._windows].cpu().clone(),
+            "labelled": self._labelled[:, : self._windows].cpu().clone() if self._partial else None,
             "rows": self._rows.clone(),
             "length": self._length,
         }
@@ -145,6 +155,10 @@ class Store(Stateful):
         self._labels, self._last = state["labels"].to(self._device), state["last"].to(self._device)
         self._rows, self._length = state["rows"].cpu(), state["length"]
         self._windows, self._level = self._labels.shape[1], _common(self._rows)
+        labelled = state.get("labelled")
+        self._partial = labelled is not None
+        ones = torch.ones_like(self._labels, dtype=torch.bool)
+        self._labelled = ones if labelled is None else labelled.to(self._device)
 
 
 def _common(rows: Tensor) -> int | None:

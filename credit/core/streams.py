@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import torch
@@ -92,10 +92,34 @@ class Stream(Stateful):
 
     def _draw(self) -> np.ndarray:
         shape = (max(self.CHUNK // self._width, 1), self._width)
-        if self._kind == "uniform":
-            drawn = [g.random(shape) for g in self._generators]
-        elif self._kind == "normal":
-            drawn = [g.standard_normal(shape) for g in self._generators]
-        else:
-            drawn = [g.poisson(1.0, shape).astype(np.float64) for g in self._generators]
-        return np.stack(drawn, axis=1)
+        return np.stack([drawn(g, self._kind, shape) for g in self._generators], axis=1)
+
+
+class Queues(Stateful):
+    """A stream for each replica, of which each takes as many rows as it needs: the numbers are those of `Stream`.
+
+    Args:
+        problem: gives the seeds and the device. purpose: what the numbers are for. kind: as in `Stream`.
+        width: numbers in a row.
+    """
+
+    keeps: ClassVar = ("_generators",)
+
+    def __init__(self, problem: Replicas, purpose: str, kind: Kind, width: int) -> None:
+        self._generators = generators(problem.seeds, purpose)
+        self._kind: Kind = kind
+        self._width, self._device = width, problem.device
+
+    def take(self, wanted: Tensor) -> Tensor:
+        """A row for every place that wants one [R, K], in their order: float64 [R, K, width], 0 elsewhere."""
+        found = np.zeros((*wanted.shape, self._width))
+        for own, mask, generator in zip(found, wanted.cpu().numpy(), self._generators, strict=True):
+            own[mask] = drawn(generator, self._kind, (int(mask.sum()), self._width))
+        return torch.from_numpy(found).to(self._device)
+
+
+def drawn(generator: np.random.Generator, kind: Kind, shape: tuple[int, ...]) -> np.ndarray:
+    """Numbers of a kind, float64."""
+    if kind == "uniform":
+        return generator.random(shape)
+    return generator.standard_normal(shape) if kind == "normal" else generator.poisson(1.0, shape).astype(np.float64)

@@ -28,10 +28,11 @@ class Windows(Steps):
 
     Episodes and windows are two partitions of the same rows. Where all windows have T steps, `length` says so and
     nothing else needs to be kept; otherwise `last` does, and replicas with fewer rows than others have rows at their
-    end that mean nothing.
+    end that mean nothing. Replicas with fewer windows than others have some without a row and without a label.
 
     Attributes:
-        labels: Y [R, K], all that a learner is told about a window.
+        labels: Y [R, K], all that a learner is told about a window; 0 where it has none.
+        labelled: whether it has a label [R, K]; None where all have.
         length: T, where every window has as many steps.
         last: the last row of each window [R, K] int64, rising; rows behind the last of them are in no window yet.
         ended: whether a row is the last of its episode [R, n]. terminated: whether nothing lies behind it [R, n].
@@ -40,6 +41,7 @@ class Windows(Steps):
     """
 
     labels: Tensor
+    labelled: Tensor | None = None
     length: int | None = None
     last: Tensor | None = None
     ended: Tensor | None = None
@@ -139,6 +141,19 @@ class Windows(Steps):
         return torch.diff(self.ends, dim=1, prepend=torch.full_like(self.ends[:, :1], -1))
 
     @property
+    def known(self) -> int | Tensor:
+        """How many windows have a label: one number, or that of each replica [R]."""
+        return self.labels.shape[1] if self.labelled is None else self.labelled.sum(1)
+
+    @property
+    def begun(self) -> int | Tensor:
+        """How many episodes began in these windows: one number, or that of each replica [R]."""
+        if self.step is None:
+            return self.labels.shape[1]
+        first = self.step == 0
+        return (first if self.valid is None else first & self.valid).sum(1)
+
+    @property
     def number(self) -> Tensor:
         """Which window each row is in [R, n]; K where in none."""
         row = torch.arange(len(self), device=self.labels.device)
@@ -152,9 +167,8 @@ class Windows(Steps):
         if self.length is not None:
             row = torch.arange(len(self), device=self.labels.device)
             return (row % self.length == self.length - 1).expand(self.states.shape[:2])
-        return torch.zeros(self.states.shape[:2], dtype=torch.bool, device=self.labels.device).scatter(
-            1, self.ends, True
-        )
+        last = torch.zeros(self.states.shape[:2], dtype=torch.bool, device=self.labels.device)
+        return last.scatter(1, self.ends.clamp(min=0), self.ends >= 0)
 
     @property
     def valid(self) -> Tensor | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
+import torch
 from torch import Tensor
 
 from credit.core.errors import UserError
@@ -27,14 +28,16 @@ def require_bits(prefer: Prefer, labels: LabelKind | None) -> None:
         )
 
 
-def preferred(labels: Tensor, prefer: Prefer) -> Tensor:
-    """Which windows are preferred, by their labels [R, K].
+def preferred(labels: Tensor, prefer: Prefer, labelled: Tensor | None = None) -> Tensor:
+    """Which windows are preferred, by their labels [R, K]; none that has no label.
 
     Raises:
         UserError: `success` of labels that are no bits.
     """
+    if labelled is not None:
+        labels = torch.where(labelled, labels, torch.nan if prefer == "top" else 0)
     if prefer == "top":
-        return labels >= labels.quantile(TOP, dim=1, keepdim=True)
+        return labels >= labels.nanquantile(TOP, dim=1, keepdim=True)
     strange = labels[(labels != 0) & (labels != 1)]
     if len(strange):
         raise UserError(

@@ -30,7 +30,8 @@ class Batch(NamedTuple):
         observation: s [R, B] or [R, B, O]. action: a [R, B] or [R, B, A]. step: in the episode [R, B].
         returns: Σ γᵏ r [R, B] up to `ahead`. discount: γⁿ [R, B], 0 where nothing lies behind `ahead`.
         ahead: the observation there, as `observation`. low, high: bounds of a return [R, 1], from the range of the
-            rewards. outcome: Σ γᵏ r to the end of the episode [R, B], where it was asked for.
+            rewards. outcome: Σ γᵏ r to the end of the episode [R, B], where it was asked for. after: the step in the
+            episode there [R, B], where that is not the next one.
     """
 
     observation: Tensor
@@ -42,6 +43,7 @@ class Batch(NamedTuple):
     low: Tensor
     high: Tensor
     outcome: Tensor | None = None
+    after: Tensor | None = None
 
 
 class Replay(Stateful):
@@ -224,6 +226,11 @@ class Replay(Stateful):
         replica = self._replica if replica is None else replica
         ahead = self.ahead(rows, replica)
         step = rows % windows.length if windows.length else None
+        after = None
+        if self.n_step > 1 and windows.step is not None:
+            after = windows.step[replica, ahead] + 1
+        elif self.n_step > 1 and windows.length:
+            after = ahead % windows.length + 1
         return Batch(
             windows.states[replica, rows],
             windows.actions[replica, rows],
@@ -233,6 +240,7 @@ class Replay(Stateful):
             windows.next_states[replica, ahead],
             *self._bounds,
             held["outcome"][replica, rows] if "outcome" in held else None,
+            after,
         )
 
     def state_dict(self) -> dict[str, Any]:
@@ -275,7 +283,8 @@ class Replay(Stateful):
         if self.prefer == "none" or not self.share:
             return
         windows = self.windows
-        good = preferred(windows.labels[:, forgotten:], self.prefer)
+        known = None if windows.labelled is None else windows.labelled[:, forgotten:]
+        good = preferred(windows.labels[:, forgotten:], self.prefer, known)
         good = torch.nn.functional.pad(good, (forgotten, 0)).to(windows.labels.dtype)
         own = windows.to_steps(good) > 0
         self._wins = own.sum(1, keepdim=True)

@@ -15,6 +15,7 @@ from credit.core.seams import Act, Agent, Environment, Evaluated, Evaluation, Fe
 from credit.core.state import Stateful
 from credit.core.windows import Windows
 from credit.envs.episodes import Track, World, first_states, joined, over, play, ticks
+from credit.envs.rolling import Rolling
 
 
 class Collector(Stateful):
@@ -49,6 +50,7 @@ class Collector(Stateful):
             )
         self._env, self._feedback, self._problem = env, feedback, problem
         self._worlds: dict[int, World] = {}  # K → K copies
+        self._rolling: Rolling | None = None
 
     def collect(self, policy: Act, windows: int, steps: int | None = None) -> tuple[Windows, Tensor]:
         """Some windows of each replica, and their primitive rewards [R, n].
@@ -63,6 +65,16 @@ class Collector(Stateful):
             return self._episodes(policy, windows, steps)
         return self._even(policy, windows, steps or self._problem.window)
 
+    def roll(self, policy: Act, steps: int) -> tuple[Windows, Tensor] | None:
+        """So many steps of each replica, and the windows whose labels have come since, with primitive rewards [R, n].
+
+        Returns:
+            None as long as a replica has no window at all.
+        """
+        if self._rolling is None:
+            self._rolling = Rolling(self._env, self._feedback, self._problem)
+        return self._rolling.collect(policy, steps // (self._env.copies or 1))
+
     def evaluation(self, episodes: int) -> Apart:
         """Episodes of each replica with copies and random numbers of their own."""
         return Apart(self._env, self._problem, episodes)
@@ -76,7 +88,8 @@ class Collector(Stateful):
                     "env": None if world.env is self._env else world.env.state_dict(),
                 }
                 for count, world in self._worlds.items()
-            }
+            },
+            "rolling": None if self._rolling is None else self._rolling.state_dict(),
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
@@ -86,6 +99,9 @@ class Collector(Stateful):
             world.now = None if held["now"] is None else held["now"].to(self._problem.device)
             if held["env"] is not None:
                 world.env.load_state_dict(held["env"])
+        if state.get("rolling") is not None:
+            self._rolling = Rolling(self._env, self._feedback, self._problem)
+            self._rolling.load_state_dict(state["rolling"])
 
     def _even(self, policy: Act, windows: int, steps: int) -> tuple[Windows, Tensor]:
         """Windows of the same length: those of one copy follow each other, others run side by side."""
@@ -153,7 +169,7 @@ class Collector(Stateful):
         ]
         grid = joined(found)
         padded = torch.nn.functional.pad(grid.seen, (0, self._problem.window - grid.seen.shape[2]))
-        return grid.windows(self._feedback(padded)), grid.rows(grid.rewards)
+        return grid.windows(self._feedback.label(padded, grid.active.sum(2))), grid.rows(grid.rewards)
 
     def _sizes(self, windows: int) -> list[int]:
         """How many windows run side by side, one time after the other."""

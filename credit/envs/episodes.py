@@ -184,7 +184,7 @@ def first_states(world: World, problem: Problem) -> Tensor:
 
 def ticks(problem: Problem, copies: int) -> tuple[Tensor, ...]:
     """The step in the window [R, K], for each of its T steps: made once."""
-    steps = torch.arange(problem.window, device=problem.device).view(-1, 1, 1)
+    steps = torch.arange(problem.horizon, device=problem.device).view(-1, 1, 1)
     return steps.repeat(1, problem.replicas, copies).unbind()
 
 

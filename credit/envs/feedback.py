@@ -2,80 +2,218 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import ClassVar, Literal
 
+import torch
 from torch import Tensor
 
+from credit.core.errors import UserError
 from credit.core.problem import Problem
-from credit.core.ranges import NonNegative, PositiveInt
+from credit.core.ranges import NonNegative, NonNegativeInt, PositiveInt, Share
 from credit.core.seams import Feedback
-from credit.core.streams import Stream
+from credit.core.streams import Queues, Stream
+
+Window = PositiveInt | list[PositiveInt]
+Cut = Literal["label", "drop"]
 
 
-class BlockSum(Feedback):
+class Labels(Feedback):
+    """What all labels of ours have in common: windows, noise, and how they arrive.
+
+    A class of your own gives `objective` and `rule`, and all of this comes with it.
+
+    Args:
+        window: T, steps that share one label; [least, most]: as many as are drawn anew for each window; None: a whole
+            episode.
+        noise: standard deviation of the label's noise, in units of the label.
+        missing: share of the windows that never get their label.
+        delay: steps after a window's end at which its label arrives. delay_windows: windows of the same copy that end
+            before it does.
+        cut: whether a window that an episode's end cuts short gets a label, or none (`drop`).
+
+    Raises:
+        UserError: lengths of windows that are no range.
+
+    Example:
+        >>> class Median(Labels):
+        ...     objective = "median"
+        ...     def rule(self, rewards, lengths):
+        ...         return rewards.median(-1).values
+    """
+
+    def __init__(
+        self,
+        window: Window | None = None,
+        noise: NonNegative = 0.0,
+        missing: Share = 0.0,
+        delay: NonNegativeInt = 0,
+        delay_windows: NonNegativeInt = 0,
+        cut: Cut = "label",
+    ) -> None:
+        if isinstance(window, Sequence):
+            if len(window) != 2 or window[0] > window[1]:
+                raise UserError(f"feedback.window={list(window)}: give T, or [least, most] for windows of any length")
+            self.lengths = (window[0], window[1])
+        self.window = window[1] if isinstance(window, Sequence) else window
+        self.noise = noise
+        self.missing = missing
+        self.delay, self.delay_windows = delay, delay_windows
+        self.cut = cut
+
+    def start(self, problem: Problem) -> None:
+        """Make the noise stream."""
+        kind = Stream if problem.even else Queues
+        self._noise: Stream | Queues = kind(problem, "feedback", "normal", 1)
+
+    def __call__(self, rewards: Tensor) -> Tensor:
+        """Y for every window of rewards [R, K, T], all of T steps."""
+        return self.label(rewards, torch.full(rewards.shape[:2], rewards.shape[2], device=rewards.device))
+
+    def label(self, rewards: Tensor, lengths: Tensor) -> Tensor:
+        """Y = rule + ε [R, K] of windows with rewards [R, K, T], 0 behind the end, and lengths [R, K], 0 for none."""
+        found = self.rule(rewards, lengths)
+        if not self.noise:
+            return found
+        if isinstance(self._noise, Queues):
+            return found + self.noise * self._noise.take(lengths > 0).squeeze(-1)
+        return found + self.noise * self._noise.several(rewards.shape[1])
+
+    @abstractmethod
+    def rule(self, rewards: Tensor, lengths: Tensor) -> Tensor:
+        """What a label is without noise [R, K], of rewards [R, K, T], 0 behind the end, and lengths [R, K]."""
+
+
+class BlockSum(Labels):
     """The sum of the window's primitive rewards plus Gaussian noise (1), (24).
 
     Args:
         window: T, steps that share one label.
-        noise: standard deviation of the label's noise, in units of reward.
+        noise, missing, delay, delay_windows, cut: as all labels have them (`Labels`).
     """
 
     objective: ClassVar = "sum"
 
-    def __init__(self, window: PositiveInt = 7, noise: NonNegative = 0.2) -> None:
-        self.window = window
-        self.noise = noise
+    def __init__(
+        self,
+        window: Window = 7,
+        noise: NonNegative = 0.2,
+        missing: Share = 0.0,
+        delay: NonNegativeInt = 0,
+        delay_windows: NonNegativeInt = 0,
+        cut: Cut = "label",
+    ) -> None:
+        super().__init__(window, noise, missing, delay, delay_windows, cut)
 
-    def start(self, problem: Problem) -> None:
-        """Make the noise stream."""
-        self._stream = Stream(problem, "feedback", "normal", 1)
-
-    def __call__(self, rewards: Tensor) -> Tensor:
-        """Y = Σ_t r_t + ε for every window of rewards [R, K, T]."""
-        return rewards.sum(-1) + self.noise * self._stream.several(rewards.shape[1])
+    def rule(self, rewards: Tensor, lengths: Tensor) -> Tensor:
+        """Y = Σ_t r_t."""
+        return rewards.sum(-1)
 
 
-class Terminal(Feedback):
+class EpisodeSum(Labels):
+    """The sum of all primitive rewards of an episode.
+
+    Args:
+        window: H, most steps of an episode; None takes the environment's own limit.
+        noise, missing, delay, delay_windows, cut: as all labels have them (`Labels`).
+    """
+
+    objective: ClassVar = "sum"
+
+    def __init__(
+        self,
+        window: Window | None = None,
+        noise: NonNegative = 0.0,
+        missing: Share = 0.0,
+        delay: NonNegativeInt = 0,
+        delay_windows: NonNegativeInt = 0,
+        cut: Cut = "label",
+    ) -> None:
+        super().__init__(window, noise, missing, delay, delay_windows, cut)
+
+    def rule(self, rewards: Tensor, lengths: Tensor) -> Tensor:
+        """Y = Σ_t r_t."""
+        return rewards.sum(-1)
+
+
+class Mean(Labels):
+    """The mean of the window's primitive rewards.
+
+    Args:
+        window: T, steps that share one label; None: a whole episode.
+        noise, missing, delay, delay_windows, cut: as all labels have them (`Labels`).
+    """
+
+    objective: ClassVar = "sum"
+
+    def __init__(
+        self,
+        window: Window | None = None,
+        noise: NonNegative = 0.0,
+        missing: Share = 0.0,
+        delay: NonNegativeInt = 0,
+        delay_windows: NonNegativeInt = 0,
+        cut: Cut = "label",
+    ) -> None:
+        super().__init__(window, noise, missing, delay, delay_windows, cut)
+
+    def rule(self, rewards: Tensor, lengths: Tensor) -> Tensor:
+        """Y = Σ_t r_t / T, of as many steps as there were."""
+        return rewards.sum(-1) / lengths.clamp(min=1)
+
+
+class Terminal(Labels):
     """The primitive reward of the window's last step alone: an endpoint outcome, no sum of anything (6.2).
 
     Args:
-        window: T, steps that share one label.
+        window: T, steps that share one label; None: a whole episode.
+        noise, missing, delay, delay_windows, cut: as all labels have them (`Labels`).
     """
 
     objective: ClassVar = "last"
-    whole: ClassVar = True
 
-    def __init__(self, window: PositiveInt = 5) -> None:
-        self.window = window
+    def __init__(
+        self,
+        window: Window | None = 5,
+        noise: NonNegative = 0.0,
+        missing: Share = 0.0,
+        delay: NonNegativeInt = 0,
+        delay_windows: NonNegativeInt = 0,
+        cut: Cut = "label",
+    ) -> None:
+        super().__init__(window, noise, missing, delay, delay_windows, cut)
 
-    def start(self, problem: Problem) -> None:
-        """There is no noise."""
-
-    def __call__(self, rewards: Tensor) -> Tensor:
-        """Y = r_{T−1} for every window of rewards [R, K, T]."""
-        return rewards[..., -1]
+    def rule(self, rewards: Tensor, lengths: Tensor) -> Tensor:
+        """Y = r_{T−1}, of the last step that there was."""
+        return rewards.gather(2, (lengths.unsqueeze(-1) - 1).clamp(min=0)).squeeze(-1)
 
 
-class Success(Feedback):
+class Success(Labels):
     """Whether the goal was reached, one bit for a whole episode (27).
 
     The environment says whether a step is a success (the fact `success`), or its reward is positive where it is one.
 
     Args:
-        window: H, most steps of an episode.
+        window: H, most steps of an episode; None takes the environment's own limit.
+        missing, delay, delay_windows, cut: as all labels have them (`Labels`).
     """
 
-    setting: ClassVar = "episodic"
     objective: ClassVar = "success"
+    setting: ClassVar = "episodic"
     kind: ClassVar = "bits"
     reads: ClassVar = "success"
 
-    def __init__(self, window: PositiveInt = 300) -> None:
-        self.window = window
+    def __init__(
+        self,
+        window: Window | None = 300,
+        missing: Share = 0.0,
+        delay: NonNegativeInt = 0,
+        delay_windows: NonNegativeInt = 0,
+        cut: Cut = "label",
+    ) -> None:
+        super().__init__(window, 0.0, missing, delay, delay_windows, cut)
 
-    def start(self, problem: Problem) -> None:
-        """There is no noise."""
-
-    def __call__(self, rewards: Tensor) -> Tensor:
-        """Y = 1 if any reward of an episode [R, K, T] is positive, else 0."""
+    def rule(self, rewards: Tensor, lengths: Tensor) -> Tensor:
+        """Y = 1 if any reward of an episode is positive, else 0."""
         return (rewards > 0).any(-1).to(rewards.dtype)

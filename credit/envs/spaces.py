@@ -228,9 +228,10 @@ def problem(
     seeds: tuple[int, ...],
     device: torch.device | str = "cpu",
     episodic: bool = True,
+    horizon: int = 0,
 ) -> Problem:
     """The problem of an environment with these encoders."""
-    return Problem(seen.space, done.space, window, tuple(seeds), torch.device(device), episodic)
+    return Problem(seen.space, done.space, window, tuple(seeds), torch.device(device), episodic, horizon)
 
 
 def _parts(space: Space[Any], values: Any) -> list[tuple[Space[Any], Any]]:

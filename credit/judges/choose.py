@@ -23,7 +23,7 @@ def judge(env: Environment, feedback: Feedback, problem: Problem, evaluation: Ca
         UserError: the feedback does not say its objective; or the environment is exact, and does not know its truth.
     """
     objective = objective_of(feedback)
-    truth = env.truth(objective, problem.window)
+    truth = env.truth(objective, problem.horizon)
     if truth is None:
         return Rollouts(problem, evaluation(env.evaluation_episodes), objective == "success")
     return AverageReward(problem, truth) if isinstance(truth, ContinuingTruth) else Episodic(problem, truth)

@@ -72,6 +72,11 @@ def trust_metrics(belief: Belief) -> dict[str, Tensor]:
     return values
 
 
+def at_least_one(count: int | Tensor) -> int | Tensor:
+    """What may be divided by."""
+    return count.clamp(min=1) if isinstance(count, Tensor) else max(count, 1)
+
+
 class _Exact(Judge):
     """What both kinds of exact judges do: labels, recovered rewards, trust."""
 
@@ -79,19 +84,20 @@ class _Exact(Judge):
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
-        self._labels, self._windows = problem.zeros(), 0
+        self._labels = problem.zeros()
+        self._windows: int | Tensor = 0
 
     def truth(self, cells: Cells) -> Tensor:
         """The true reward [N] of cells, NaN where they cannot express it."""
         raise NotImplementedError
 
-    def _count(self, labels: Tensor) -> None:
-        self._labels = self._labels + labels.sum(1)
-        self._windows += labels.shape[1]
+    def _count(self, windows: Windows) -> None:
+        self._labels = self._labels + windows.labels.sum(1)
+        self._windows = self._windows + windows.known
 
     def _label(self) -> Tensor:
         """The mean label [R] since the last call."""
-        mean = self._labels / max(self._windows, 1)
+        mean = self._labels / at_least_one(self._windows)
         self._labels, self._windows = torch.zeros_like(self._labels), 0
         return mean
 
@@ -131,12 +137,15 @@ class AverageReward(_Exact):
 
     def update(self, windows: Windows, primitive: Tensor, agent: Agent, complete: bool = True) -> None:
         """Count windows with rewards r [R, n]; one that was cut short has no label."""
-        regret = (self._gain - windows.grid(primitive)).sum(-1)
+        if windows.length is None:
+            regret = self._gain * windows.lengths - windows.sums(primitive)
+        else:
+            regret = (self._gain - windows.grid(primitive)).sum(-1)
         path = self._regret.unsqueeze(1) + regret.cumsum(1)
         self._regret = path[:, -1]
         self._area = self._area + path.sum(1)
         if complete:
-            self._count(windows.labels)
+            self._count(windows)
 
     def measure(self, policies: Mapping[str, Policy], belief: Belief | None) -> dict[str, Tensor]:
         """Metric → [R]. `return/label` is the mean label since the last call; what a policy cannot say is NaN."""
@@ -170,7 +179,7 @@ class Episodic(_Exact):
         self._value = problem.zeros()
         self._regret = problem.zeros()
         self._area = problem.zeros()
-        self._all = 0
+        self._all: int | Tensor = 0  # episodes
 
     def truth(self, cells: Cells) -> Tensor:
         """r(s, a) or r(s'), by step where the cells are; a label that shows the last reward alone has no other."""
@@ -181,17 +190,17 @@ class Episodic(_Exact):
         if not complete:
             return
         self._value = self._worth(agent.executed())
-        count, gap = windows.labels.shape[1], self._truth.best - self._value
+        count, gap = windows.begun, self._truth.best - self._value
         self._area = self._area + count * self._regret + gap * (count * (count + 1) / 2)
         self._regret = self._regret + count * gap
-        self._count(windows.labels)
-        self._all += count
+        self._count(windows)
+        self._all = self._all + count
 
     def measure(self, policies: Mapping[str, Policy], belief: Belief | None) -> dict[str, Tensor]:
         """Metric → [R]. `return/label` is the mean label since the last call."""
         values = {
             "regret/cumulative": self._regret,
-            "regret/share": self._regret / (max(self._all, 1) * (self._truth.best - self._truth.random)),
+            "regret/share": self._regret / (at_least_one(self._all) * (self._truth.best - self._truth.random)),
             "regret/auc": self._area,
             "return/policy": self._value,
             "return/label": self._label(),
@@ -213,5 +222,5 @@ class Episodic(_Exact):
                 "give it `probabilities`, or judge by rollouts"
             )
         if table.dim() == 2:  # the same in every step
-            table = table.unsqueeze(1).expand(-1, self._problem.window, -1)
+            table = table.unsqueeze(1).expand(-1, self._problem.horizon, -1)
         return self._truth.evaluate(table).to(self._value.device)

@@ -37,7 +37,8 @@ class Rollouts(Judge):
 
     def __init__(self, problem: Problem, evaluation: Evaluation, success: bool = False) -> None:
         self._problem, self._evaluation, self._success = problem, evaluation, success
-        self._labels, self._windows = problem.zeros(), 0
+        self._labels = problem.zeros()
+        self._windows: int | Tensor = 0
         self._taken = problem.zeros()  # steps
         self._rounds: dict[str, list[Tensor]] = {}  # score of each policy after each round
         self._collected = False
@@ -47,14 +48,14 @@ class Rollouts(Judge):
         """Count windows and their steps."""
         self._taken = self._taken + windows.lengths.sum(1)
         if complete:
-            self._labels, self._windows = self._labels + windows.labels.sum(1), self._windows + windows.labels.shape[1]
+            self._labels, self._windows = self._labels + windows.labels.sum(1), self._windows + windows.known
             self._collected = True
 
     def measure(self, policies: Mapping[str, Policy], belief: Belief | None) -> dict[str, Tensor]:
         """Metric → [R]; each call evaluates every policy anew. `return/label` is the mean since the last call."""
         unknown = torch.full_like(self._labels, torch.nan)
         values = {"collect/steps": self._taken}
-        values["return/label"] = self._labels / self._windows if self._windows else unknown
+        values["return/label"] = self._labels / self._windows
         self._labels, self._windows = torch.zeros_like(self._labels), 0
         for name, policy in policies.items():
             after = "" if name == "behaviour" else f"_{name}"

@@ -115,7 +115,7 @@ class Recovery(CreditAssigner):
                 "a reward model looks at the step in the window, and windows follow each other here: the step means "
                 "nothing; use models that look at states and actions alone, or an environment with episodes"
             )
-        return Cells.over(axes, problem.window, problem.states, problem.actions)
+        return Cells.over(axes, problem.horizon, problem.states, problem.actions)
 
     def fit(self, windows: Windows, problem: Problem) -> Recovery:
         """Learn from windows that are there, from the beginning; itself.

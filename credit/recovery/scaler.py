@@ -18,11 +18,11 @@ class Standard(Scaler):
     all values; and where no reward is above zero, to arrive sooner is better.
 
     Args:
-        clip: how far a reward may lie from the median, in standard deviations.
+        clip: how far a reward may lie from the median, in standard deviations; null for as far as it likes.
         quantile: that of the clipped rewards which becomes zero, and the most that a reward can be; null for neither.
     """
 
-    def __init__(self, clip: Positive = 1.0, quantile: Probability | None = 0.99) -> None:
+    def __init__(self, clip: Positive | None = 1.0, quantile: Probability | None = 0.99) -> None:
         self.clip, self.quantile = clip, quantile
 
     def __call__(self, rewards: Tensor) -> tuple[Tensor, Tensor]:
@@ -34,6 +34,7 @@ class Standard(Scaler):
         deviation = rewards.std(correction=0)
         unit = torch.where(deviation > TINY * rewards.abs().max(), deviation, 1.0)
         scaled = rewards / unit
-        median = scaled.quantile(0.5)
-        scaled = scaled.clamp(median - self.clip, median + self.clip)
+        if self.clip is not None:
+            median = scaled.quantile(0.5)
+            scaled = scaled.clamp(median - self.clip, median + self.clip)
         return (scaled if self.quantile is None else (scaled - scaled.quantile(self.quantile)).clamp_(max=0)), unit

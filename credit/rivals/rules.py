@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import torch
 from torch import Tensor
 
 from credit.core.problem import Problem
@@ -27,8 +28,13 @@ class Delayed(_Rule):
 
 
 class Uniform(_Rule):
-    """The label in equal parts, Y/T on every step (the redistribution of IRCR)."""
+    """The label in equal parts, Y/T on every step (the redistribution of IRCR); the mean of all where there is none."""
 
     def rewards(self, windows: Windows) -> Tensor:
         """(Y/T, …, Y/T) for every window."""
-        return windows.to_steps(windows.labels / windows.lengths)
+        shares = windows.labels / windows.lengths
+        if windows.labelled is not None:
+            known = (windows.lengths * windows.labelled).sum(1, keepdim=True)
+            mean = windows.labels.sum(1, keepdim=True) / known.clamp(min=1)
+            shares = torch.where(windows.labelled, shares, mean)
+        return windows.to_steps(shares)

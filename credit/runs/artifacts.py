@@ -107,15 +107,22 @@ def grid_arrays(replica: int, grid: Steps, rounds: list[tuple[int, Belief]]) -> 
 
 
 def online_arrays(replica: int, trainer: Trainer) -> Arrays:
-    """`online/states` [n, O], trajectory after trajectory, `online/lengths` and `online/labels` [K]."""
-    windows, skipped = trainer.store.windows, len(trainer.store) - trainer.collected
+    """`online/states` [n, O], window after window, `online/lengths` and `online/labels` [K], NaN for none."""
+    windows, skipped = trainer.store.windows, trainer.given
     first = int(windows.ends[replica, skipped - 1]) + 1 if skipped else 0
     last = int(windows.ends[replica, -1]) + 1
+    there = windows.lengths[replica, skipped:] > 0
     return {
         "online/states": windows.states[replica, first:last].cpu().numpy(),
-        "online/lengths": windows.lengths[replica, skipped:].cpu().numpy(),
-        "online/labels": windows.labels[replica, skipped:].cpu().numpy(),
+        "online/lengths": windows.lengths[replica, skipped:][there].cpu().numpy(),
+        "online/labels": labels(windows, replica)[skipped:][there].cpu().numpy(),
     }
+
+
+def labels(windows: Windows, replica: int) -> Tensor:
+    """The labels [K] of a replica's windows, NaN where there is none."""
+    found = windows.labels[replica]
+    return found if windows.labelled is None else torch.where(windows.labelled[replica], found, torch.nan)
 
 
 def recovery_arrays(
@@ -124,8 +131,8 @@ def recovery_arrays(
     """Arrays of one replica, tables over `cells` (the names of the axes: [S, A] by default) unless said.
 
     `windows/states`, `windows/actions`, `windows/next_states` [K, T] (−1 behind the end of a window that ended early),
-    `windows/labels` [K]; `models` (names, the reference first); `reward/true` (NaN where it is not known),
-    `reward/<model>`, `draws/<model>` [B, ...], `mse/<model>`,
+    `windows/labels` [K], NaN where there is none; `models` (names, the reference first); `reward/true` (NaN where it is
+    not known), `reward/<model>`, `draws/<model>` [B, ...], `mse/<model>`,
     `disagreement/<surrogate>` (Δ̂²), `weight/<model>`, `best`, `reward/mixed`, `bonus/<name>`, `reward/plan`, `visits`;
     `policy` [S], or [T, S] by step; and `axis/<name>`, two small axes over which a large table can be shown.
     """
@@ -140,7 +147,7 @@ def recovery_arrays(
         "windows/states": by_window(windows, windows.states, replica),
         "windows/actions": by_window(windows, windows.actions, replica),
         "windows/next_states": by_window(windows, windows.next_states, replica),
-        "windows/labels": windows.labels[replica].cpu().numpy(),
+        "windows/labels": labels(windows, replica)[windows.lengths[replica] > 0].cpu().numpy(),
         "models": np.array(belief.models),
         "cells": np.array(belief.cells.axes),
         "reward/true": table(truth),
@@ -169,7 +176,8 @@ def by_window(windows: Windows, numbers: Tensor, replica: int) -> np.ndarray:
     """Numbers of rows [R, n] of one replica, window by window [K, T]; −1 behind the end of one that ended early."""
     if windows.length is not None:
         return windows.grid(numbers)[replica].cpu().numpy().astype(np.int32)
-    parts = numbers[replica, : int(windows.ends[replica, -1]) + 1].split(windows.lengths[replica].tolist())
+    lengths = [length for length in windows.lengths[replica].tolist() if length]
+    parts = numbers[replica, : int(windows.ends[replica, -1]) + 1].split(lengths)
     return pad_sequence(list(parts), batch_first=True, padding_value=-1).cpu().numpy().astype(np.int32)
 
 

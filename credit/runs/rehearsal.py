@@ -24,6 +24,7 @@ from credit.core.component import Component
 from credit.core.errors import Misfit, RunError, UserError
 from credit.core.policy import Policy
 from credit.core.state import same
+from credit.rounds import problem_of
 from credit.runs import checkpoint
 from credit.runs.artifacts import Recorder
 from credit.trainer import Trainer
@@ -70,7 +71,7 @@ def _tried(config: Mapping[str, Any], first: Trainer) -> list[str]:
     """Play, save behind a window, load into parts made anew, go on, compare."""
     second, saved = _short(config), dict[str, Any]()
     seeds = tuple(range(config["seed"], config["seed"] + min(REPLICAS, config["replicas"])))
-    problem = first.env.problem(first.feedback.window, seeds, "cpu")
+    problem = problem_of(first.env, first.feedback, seeds, "cpu", rolling=first.steps_per_round is not None)
     for path, part in _parts(first):
         if _foreign(part):
             contracts.watch(part, problem, key_of(path))
@@ -78,7 +79,7 @@ def _tried(config: Mapping[str, Any], first: Trainer) -> list[str]:
         trainer.start(seeds)
 
     def save() -> None:
-        if first.collected == 1:
+        if first.rounds == 1 and not saved:
             try:
                 saved.update(_through_a_file(first.state_dict()))
             except (TypeError, ValueError, AttributeError, LookupError, RuntimeError) as error:
@@ -116,7 +117,10 @@ def _played(trainer: Trainer, between: Any = lambda: None) -> Ended:
 
 def _short(config: Mapping[str, Any]) -> Trainer:
     trainer: Trainer = schema.build(config, "trainer")
-    vars(trainer).update(SHORT, steps=WINDOWS * trainer.feedback.window)
+    window = trainer.feedback.window or trainer.env.horizon or 1
+    vars(trainer).update(SHORT, steps=WINDOWS * window)
+    if trainer.steps_per_round is not None:
+        trainer.steps_per_round = window
     for _, part in _parts(trainer):
         given = {key: getattr(part, key, None) for key in QUICK}
         vars(part).update({key: type(value)(min(value, QUICK[key])) for key, value in given.items() if value})

@@ -11,7 +11,7 @@ from credit.core.errors import UserError
 from credit.runs import job
 
 SEEDS = (3, 4)
-EVERY = sorted(files.options("experiment").keys() - {"generic"})  # which has no environment of its own
+EVERY = sorted(name for name in files.options("experiment") if not name.startswith("generic"))  # which has no environment of its own
 EXPERIMENTS = [name for name in EVERY if not name.endswith("_paper")]  # which are others with another recipe
 FILES = [(kind, name) for kind in kinds.KINDS for name in files.options(kind)]
 FEW = {"first_steps": 4, "steps": 2, "updates": 4, "first_updates": 6, "width": 8, "batch": 8, "stride": 3}

@@ -179,9 +179,18 @@ def test_a_fact_is_shown_instead_of_the_reward_where_the_feedback_reads_it() -> 
 
 
 def test_a_last_reward_needs_windows_that_end_together() -> None:
-    with pytest.raises(UserError, match=r"Terminal reads the reward of a window's last step.*Shelves may end before"):
-        begun(Shelves(), Terminal(5))
-    begun(Sepsis(), Terminal(5))
+    class Last(Terminal):
+        whole: ClassVar = True
+
+    with pytest.raises(UserError, match=r"Last reads the reward of a window's last step.*Shelves may end before"):
+        begun(Shelves(), Last(5))
+    begun(Sepsis(), Last(5))
+
+
+def test_a_last_reward_is_that_of_the_last_step_that_there_was() -> None:
+    collector, _ = begun(Shelves(), Terminal(6), (3, 4))
+    windows, primitive = collector.collect(pushes(2), 2)
+    assert torch.equal(windows.labels, primitive.gather(1, windows.ends))
 
 
 class Endless(Shelves):

@@ -16,7 +16,7 @@ from credit.agents.random import Random
 from credit.agents.sac.agent import SAC
 from credit.core.errors import UserError
 from credit.core.seams import Agent, Feedback
-from credit.envs.feedback import BlockSum, Success, Terminal
+from credit.envs.feedback import BlockSum, Success
 from credit.planning.counts import Counts
 from credit.recovery.bonuses import Count
 from credit.recovery.features.tabular import Identity
@@ -130,5 +130,3 @@ def test_successes_are_preferred_where_labels_are_declared_to_be_bits_alone() ->
 def test_agents_that_cannot_say_why() -> None:
     with pytest.raises(UserError, match=r"QLearning needs .*actions that are numbers.*here they are vectors"):
         trained(Shelves(), QLearning())
-    with pytest.raises(UserError, match=r"Terminal reads the reward of a window's last step"):
-        trained(Shelves(), Random(), Terminal(12))

@@ -33,10 +33,11 @@ class SAC(Learner, Agent):  # noqa: D101 - the learner's docstring is its own
         Raises:
             UserError: `update_ratio` with several replicas; successes are preferred, and labels are no bits.
         """
-        if self.update_ratio and problem.replicas > 1:
+        if self.update_ratio and problem.replicas > 1 and not problem.lockstep:
             raise UserError(
                 f"agent.update_ratio={self.update_ratio} with {problem.replicas} seeds side by side: they do the "
-                "same number of updates, and have different numbers of transitions; set update_ratio=0, or replicas=1"
+                "same number of updates, and have different numbers of transitions; set update_ratio=0, replicas=1, or "
+                "trainer.steps_per_round, where each takes as many steps"
             )
         self._problem = problem
         states = problem.states if problem.finite_states else problem.observations
@@ -55,7 +56,7 @@ class SAC(Learner, Agent):  # noqa: D101 - the learner's docstring is its own
         new = store.new
         first = len(new) == len(store.windows)
         self.memory.update(store, assigner, self.time_cost)
-        transitions = [len(new)] * len(self.seeds) if new.count is None else new.count.tolist()
+        transitions = [store.taken] if self._problem.lockstep or new.count is None else new.count.tolist()
         self._diagnostics |= self.fit(self.memory, self.round_updates(first, transitions))
 
     def policies(self) -> dict[str, Policy]:
@@ -69,9 +70,10 @@ class SAC(Learner, Agent):  # noqa: D101 - the learner's docstring is its own
     def _act(self, name: str, states: Tensor, step: Tensor) -> Tensor:
         copies = states.shape[1]
         if (name, copies) not in self._policies:
-            self._policies[name, copies] = self.policy(copies, self._problem.window, averaged=name == "averaged")
+            ahead = 1 if self._problem.lockstep else self._problem.horizon  # steps that others may not take
+            self._policies[name, copies] = self.policy(copies, ahead, averaged=name == "averaged")
         policy = self._policies[name, copies]
-        if not step.any():
+        if not self._problem.lockstep and not step.any():
             policy.restart()
         kind = ExplorationType.RANDOM if name == "exploring" else ExplorationType.DETERMINISTIC
         flat = encoded(states, self._states).flatten(0, 1)

@@ -113,6 +113,7 @@ class EpisodicEnvironment(ExactEnvironment):
     """Copies of one exact MDP; every window starts from the initial distribution."""
 
     setting: ClassVar = "episodic"
+    rolls: ClassVar = False
 
     @property
     @abstractmethod

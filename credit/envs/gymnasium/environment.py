@@ -78,12 +78,12 @@ class Gymnasium(Environment):
         self.evaluation_episodes = evaluation_episodes
 
     def problem(self, window: int | None, seeds: tuple[int, ...], device: torch.device | str = "cpu") -> Problem:
-        """Spaces as they are encoded; a window is an episode, and lasts for the time limit at most."""
+        """Spaces as they are encoded; an episode lasts for the time limit at most, and so does a window."""
         seen, done = self._encoders
-        return spaces.problem(seen, done, window or self.horizon, seeds, device)
+        return spaces.problem(seen, done, window or self.horizon, seeds, device, horizon=self.horizon)
 
     @cached_property
-    def horizon(self) -> int:
+    def horizon(self) -> int:  # type: ignore[override]
         """Most steps of an episode.
 
         Raises:
@@ -96,6 +96,11 @@ class Gymnasium(Environment):
                 "env.max_steps=<most steps of an episode>"
             )
         return int(limit)
+
+    @cached_property
+    def _copies(self) -> Copies:
+        """All of them, made when the first episode begins."""
+        return Elsewhere(self._make, self._count, self.workers) if self.workers else Here(self._make, self._count)
 
     @cached_property
     def _one(self) -> gymnasium.Env[Any, Any]:
@@ -129,8 +134,8 @@ class Gymnasium(Environment):
         self._episodes = np.zeros(self._count, dtype=np.int64)  # begun by each copy
         self._open: list[list[Any]] = [[] for _ in range(self._count)]  # actions of its episode, while that goes on
         self._latest: list[Any] = [None] * self._count
-        workers, count = self.workers, self._count
-        self._copies: Copies = Elsewhere(self._make, count, workers) if workers else Here(self._make, count)
+        if (held := vars(self).pop("_copies", None)) is not None:
+            held.close()
 
     def reset(self, mask: Tensor | None = None) -> Tensor:
         """Begin an episode in the copies of the mask [R, K]; the states of all."""

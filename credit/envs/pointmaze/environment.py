@@ -44,6 +44,7 @@ class PointMaze(Environment):
     """
 
     setting: ClassVar = "episodic"
+    rolls: ClassVar = False
 
     def __init__(
         self,

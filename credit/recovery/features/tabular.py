@@ -30,7 +30,7 @@ class Identity(FeatureMap):
 
     def start(self, problem: Problem) -> None:
         """Learn the sizes."""
-        self._cells = Cells.over(self.looks_at, problem.window, problem.states, problem.actions)
+        self._cells = Cells.over(self.looks_at, problem.horizon, problem.states, problem.actions)
 
     def __call__(self, steps: Steps) -> Tensor:
         """One-hot vectors [..., cells]."""

@@ -33,10 +33,10 @@ def every(windows: Windows, stride: int, window: int) -> Steps:
     back = stride * torch.arange(padding(stride, window), device=windows.labels.device)
     weights = (windows.lengths.unsqueeze(-1) - back).clamp(0, stride).float()
     ends = windows.ends.unsqueeze(-1)
-    return Steps(torch.where(weights > 0, ends - back, ends), weights)
+    return Steps(torch.where(weights > 0, ends - back, ends).clamp(min=0), weights)
 
 
-def balanced(labels: Tensor, uniform: Tensor, balance: Balance = "auto") -> Tensor:
+def balanced(labels: Tensor, uniform: Tensor, balance: Balance = "auto", labelled: Tensor | None = None) -> Tensor:
     """Which windows stand in batches of B: the first half is drawn from the better ones, the second from the others.
 
     `bits`: labels are of two kinds, and those above the middle of the least and the largest are the better ones, so
@@ -48,18 +48,22 @@ def balanced(labels: Tensor, uniform: Tensor, balance: Balance = "auto") -> Tens
         labels: Y [M, K].
         uniform: numbers on [0, 1) [M, steps, B].
         balance: what makes two halves.
+        labelled: which windows have a label [M, K], one at least of each; None for all. Others are not drawn.
 
     Returns:
         Numbers of windows, int64 [M, steps, B].
     """
     agree(labels=(labels, "M K"), uniform=(uniform, "M S B"))
-    count = labels.shape[1]
-    least, largest = (part.unsqueeze(1) for part in labels.aminmax(dim=1))
-    better = labels > least + (largest - least) / 2
-    bits = ((labels == least) | (labels == largest)).all(1, keepdim=True) if balance == "auto" else balance == "bits"
-    bits = torch.as_tensor(bits, device=labels.device).expand(len(labels), 1)
-    order = torch.where(bits, better.to(labels.dtype), labels).argsort(dim=1, descending=True, stable=True)
-    wins = torch.where(bits, better.sum(1, keepdim=True), count // 2).unsqueeze(-1)
+    known = torch.ones_like(labels, dtype=torch.bool) if labelled is None else labelled
+    count = known.sum(1, keepdim=True).unsqueeze(-1)
+    least = torch.where(known, labels, torch.inf).amin(1, keepdim=True)
+    largest = torch.where(known, labels, -torch.inf).amax(1, keepdim=True)
+    better = known & (labels > least + (largest - least) / 2)
+    two = ((labels == least) | (labels == largest) | ~known).all(1, keepdim=True)
+    bits = two if balance == "auto" else torch.full_like(two, balance == "bits")
+    value = torch.where(bits, better.to(labels.dtype), labels)
+    order = torch.where(known, value, -torch.inf).argsort(dim=1, descending=True, stable=True)
+    wins = torch.where(bits.unsqueeze(-1), better.sum(1, keepdim=True).unsqueeze(-1), count // 2)
     mixed = (largest > least).unsqueeze(-1) & (balance != "none")
     first_half = torch.arange(uniform.shape[-1], device=labels.device) < uniform.shape[-1] // 2
     low = torch.where(mixed & ~first_half, wins, 0)

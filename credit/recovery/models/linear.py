@@ -102,7 +102,7 @@ class LinearModel(RidgeModel):
         self._inverse = eye.repeat(replicas, fits, 1, 1)
         self._theta = eye.new_zeros(self._shape)
         self._cost = eye.new_zeros(replicas)  # Σ_i (Y_i − x_iᵀθ)² + λ‖θ‖² of the point fit
-        self._windows = 0
+        self._windows: Tensor | int = 0
 
     def observe(self, store: Store) -> None:
         """Update every fit with the newest windows, or fit all windows anew, as the uncertainty has it.
@@ -136,7 +136,7 @@ class LinearModel(RidgeModel):
             self._absorb(sums, labels, weights)
         else:
             self._step(sums, labels, weights)
-        self._windows = labels.shape[1] + (0 if anew else self._windows)
+        self._windows = weights[..., 0].sum(1) + (0 if anew else self._windows)  # of the point fit, each with a label
 
     def _step(self, sums: Tensor, labels: Tensor, weights: Tensor) -> None:
         """One window after the other, by the Sherman–Morrison formula."""
@@ -152,7 +152,7 @@ class LinearModel(RidgeModel):
             gain = u * (w / scale).unsqueeze(-1)
             error = labels[:, k : k + 1] - matvec(self._theta, x)
             if self.uncertainty.sees_residuals:
-                self._cost += error[:, 0].square() / scale[:, 0]
+                self._cost += w[:, 0] * error[:, 0].square() / scale[:, 0]
             flat.baddbmm_(gain.view(-1, size, 1), u.view(-1, 1, size), alpha=-1)
             self._theta.addcmul_(gain, error.unsqueeze(-1))
 
@@ -164,9 +164,8 @@ class LinearModel(RidgeModel):
         self._inverse = torch.linalg.inv(precision).contiguous()
         step = (self._inverse @ (weighted.mT @ error.unsqueeze(-1))).squeeze(-1)
         if self.uncertainty.sees_residuals:  # ‖e‖² − eᵀXΔθ = eᵀ(I + XVXᵀ)⁻¹e
-            self._cost += error[:, 0].square().sum(-1) - (error[:, 0] * (x @ step[:, 0].unsqueeze(-1)).squeeze(-1)).sum(
-                -1
-            )
+            counted = weights[..., 0] * error[:, 0]
+            self._cost += (counted * (error[:, 0] - (x @ step[:, 0].unsqueeze(-1)).squeeze(-1))).sum(-1)
         self._theta += step
 
     def _solve(self, x: Tensor, labels: Tensor, weights: Tensor) -> None:
@@ -225,7 +224,7 @@ class LinearModel(RidgeModel):
     def residual(self) -> Tensor:
         """Mean squared error of the point fit's labels [R], 0 before the first; kept where the uncertainty asks."""
         cost = self._cost - self.regularization * self.theta.square().sum(-1)
-        return cost.clamp(min=0) / max(self._windows, 1)
+        return cost.clamp(min=0) / torch.as_tensor(self._windows).clamp(min=1)
 
     def leverage(self, steps: Steps | None = None) -> Tensor:
         """φᵀV⁻¹φ of every place [R, N], or of other steps [n]: the squared width of the proof's confidence set (38)."""

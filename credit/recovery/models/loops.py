@@ -43,7 +43,7 @@ def sherman_morrison(
                 for n in used:
                     scale += weight * u[n] * x[n]
                 if f == 0:
-                    cost[r] += error * error / scale
+                    cost[r] += weight * error * error / scale
                 u *= np.sqrt(weight / scale)
                 error *= np.sqrt(weight / scale)
                 for i in range(size):

@@ -24,8 +24,10 @@ from credit.networks.adam import Adam
 from credit.networks.denormals import flushed
 from credit.networks.stack import Shape, Stack, Tape
 from credit.recovery.models.batches import Balance, balanced, every, padding
+from credit.recovery.models.units import Units
 from credit.recovery.uncertainty.networks import NetworkUncertainty
 
+MOST = 64  # steps of a window that are fitted, where nobody says how many
 TINY = 1e-6  # a feature with a smaller deviation is a constant, and is not scaled
 
 
@@ -43,14 +45,16 @@ class NeuralModel(RewardModel):
         width: of the hidden layers. depth: how many there are.
         sparsity: λ, on the sum of |r̃| over a trajectory.
         first_steps: gradient steps of the first fit. steps: of each later one.
-        batch: B, trajectories a gradient step. stride: one step in so many is fitted, and stands for the others.
+        batch: B, trajectories a gradient step. stride: one step in so many is fitted, and stands for the others; None:
+            as many as leave at most 64 of a window.
         learning_rate: Adam's.
         balance: what the two halves of a batch are: `bits`, successes and failures; `quantiles`, the upper and the
             lower half of the labels; `auto`, bits where labels take at most two values, else quantiles; `none`, all.
+        standardise: whether labels are seen in units of their own deviation, less their mean a step (`Units`).
     """
 
     uncertainty: NetworkUncertainty
-    keeps: ClassVar = ("networks", "_batches", "_adam", "_posterior", "_mean", "_scale", "_fits")
+    keeps: ClassVar = ("networks", "_batches", "_adam", "_posterior", "_mean", "_scale", "_units", "_fits")
 
     def __init__(
         self,
@@ -63,9 +67,10 @@ class NeuralModel(RewardModel):
         first_steps: PositiveInt = 600,
         steps: PositiveInt = 100,
         batch: PositiveInt = 32,
-        stride: PositiveInt = 12,
+        stride: PositiveInt | None = 12,
         learning_rate: Positive = 1e-3,
         balance: Balance = "auto",
+        standardise: bool = False,
     ) -> None:
         self.name = name
         self.features = features
@@ -76,6 +81,7 @@ class NeuralModel(RewardModel):
         self.batch, self.stride = batch, stride
         self.learning_rate = learning_rate
         self.balance = balance
+        self.standardise = standardise
 
     @property
     def looks_at(self) -> Collection[Axis]:  # type: ignore[override]
@@ -97,7 +103,9 @@ class NeuralModel(RewardModel):
         self.networks.draw(side_by_side(problem.seeds, f"{self.name}/weights", members))
         self._batches = side_by_side(problem.seeds, f"{self.name}/batches", members)
         self._adam = Adam(self.networks.flat, self._gradient.flat, self.learning_rate)
-        self._tape = Tape(shape, len(self._owner), self.batch * padding(self.stride, problem.window), problem.device)
+        self._stride = self.stride or max(1, problem.window // MOST)
+        self._tape = Tape(shape, len(self._owner), self.batch * padding(self._stride, problem.window), problem.device)
+        self._units = Units(problem, self.standardise)
         self._posterior = self.uncertainty.posterior(self.networks, problem, self.name)
         self._mean = torch.zeros(problem.replicas, shape.inputs, device=problem.device)
         self._scale = torch.ones_like(self._mean)
@@ -124,12 +132,14 @@ class NeuralModel(RewardModel):
             return
         if not self._fits:
             self._standardise(inputs, windows)
-        steps = every(windows, self.stride, self._problem.window)
+        self._units.look(windows)
+        steps = every(windows, self._stride, self._problem.window)
         replica = torch.arange(len(inputs), device=inputs.device).view(-1, 1, 1)
         rows = inputs[replica, steps.rows].float()
         rows = rows.sub_(self._mean[:, None, None]).mul_(self._scale[:, None, None])[self._owner]
-        shares, labels = (steps.weights / self._problem.window)[self._owner], windows.labels.float()[self._owner]
-        self._descend(rows, shares, labels, self.steps if self._fits else self.first_steps)
+        shares, labels = (steps.weights / self._problem.window)[self._owner], self._units.scaled(windows)[self._owner]
+        labelled = None if windows.labelled is None else windows.labelled[self._owner]
+        self._descend(rows, shares, labels, labelled, self.steps if self._fits else self.first_steps)
         self._fits += 1
         self._check()
         self._posterior.fitted(rows, shares)
@@ -155,7 +165,7 @@ class NeuralModel(RewardModel):
                 own = replica, slice(first, first + len(rows))
                 mean[own], variance[own] = predictor(values)
                 first += len(rows)
-        return Estimate(mean.div_(horizon), variance.div_(horizon**2))
+        return Estimate(*self._units.rewards(mean.div_(horizon), variance.div_(horizon**2)))
 
     def _standardise(self, inputs: Tensor, windows: Windows) -> None:
         """Mean zero and deviation one for what is there at the first fit; so it stays."""
@@ -167,13 +177,13 @@ class NeuralModel(RewardModel):
             self._scale[replica] = torch.where(deviation > TINY, deviation, 1.0).reciprocal()
 
     @flushed()
-    def _descend(self, rows: Tensor, shares: Tensor, labels: Tensor, count: int) -> None:
+    def _descend(self, rows: Tensor, shares: Tensor, labels: Tensor, labelled: Tensor | None, count: int) -> None:
         """Gradient steps on inputs [M, K, P, d], of which each has a share [M, K, P] in the label [M, K]."""
         members, trajectories, steps, size = rows.shape
         uniform = np.stack([g.random((count, self.batch)) for g in self._batches])
         first = trajectories * torch.arange(members, device=self._device).view(-1, 1, 1)
         chances = torch.from_numpy(uniform).to(self._device)
-        drawn = (balanced(labels, chances, self.balance) + first).unbind(1)
+        drawn = (balanced(labels, chances, self.balance, labelled) + first).unbind(1)
         offset = self._posterior.offset(rows.view(members, -1, size))
         rows, shares, labels = rows.view(-1, steps * size), shares.view(-1, steps), labels.flatten()
         offset = None if offset is None else offset.reshape(-1, steps)

@@ -47,7 +47,7 @@ class PrimitiveReward(RewardModel):
         self._cells: Cells | None = None
         self._own: Tensor | None = None
         if places.cells is not None:
-            self._cells = Cells.over(self.looks_at, problem.window, problem.states, problem.actions)
+            self._cells = Cells.over(self.looks_at, problem.horizon, problem.states, problem.actions)
             self._own = self._cells.index(places.cells.steps(problem.device))
         count = 0 if self._cells is None else self._cells.count
         self._total, self._visits = problem.zeros(count), problem.zeros(count)

@@ -84,7 +84,7 @@ class TableModel(RidgeModel):
         self._problem = problem
         self.uncertainty.start(problem)
         self._all = places.cells
-        self._cells = Cells.over(self.looks_at, problem.window, problem.states, problem.actions)
+        self._cells = Cells.over(self.looks_at, problem.horizon, problem.states, problem.actions)
         self._own = self._cells.index(places.cells.steps(problem.device))  # cell → the table's own
         self._first = problem.window - 1 if self.credit == "last_step" else 0
         sizes = self._cells.count, problem.window - self._first, 1 + self.uncertainty.draws

@@ -15,7 +15,7 @@ from credit.core.problem import FLOAT, Problem
 from credit.core.ranges import NonNegative, NonNegativeInt, Positive, PositiveInt
 from credit.core.seams import Uncertainty
 from credit.core.store import Store
-from credit.core.streams import Stream, generators
+from credit.core.streams import Queues, Stream, generators
 from credit.core.tensors import grown
 from credit.core.windows import Windows
 from credit.recovery.proxies import spread
@@ -23,10 +23,21 @@ from credit.recovery.proxies import spread
 TINY = 1e-6  # a deviation that is smaller, as a part of the largest label, is rounding
 
 
-def deviation(labels: Tensor) -> Tensor:
-    """The standard deviation [R] of labels [R, K]; 1 where all are the same."""
-    found = labels.std(1, correction=0)
+def deviation(labels: Tensor, labelled: Tensor | None = None) -> Tensor:
+    """The standard deviation [R] of labels [R, K], where there are any; 1 where all are the same."""
+    if labelled is None:
+        found = labels.std(1, correction=0)
+    else:
+        count = labelled.sum(1, keepdim=True).clamp(min=1)
+        found = (
+            torch.where(labelled, labels - labels.sum(1, keepdim=True) / count, 0).square().sum(1) / count[:, 0]
+        ).sqrt()
     return torch.where(found > TINY * labels.abs().amax(1), found, 1.0)
+
+
+def counted(weights: Tensor, windows: Windows) -> Tensor:
+    """Weights [R, K, F], 0 for windows that have no label."""
+    return weights if windows.labelled is None else weights * windows.labelled.unsqueeze(-1)
 
 
 class Weights(NamedTuple):
@@ -119,7 +130,8 @@ class Bootstrap(FitUncertainty):
     def start(self, problem: Problem) -> None:
         """Make the weight streams."""
         self._problem = problem
-        self._stream = Stream(problem, "bootstrap", "poisson", self.draws)
+        kind = Stream if problem.even else Queues
+        self._stream: Stream | Queues = kind(problem, "bootstrap", "poisson", self.draws)
         self._outside = problem.zeros(256, self.draws) > 0  # whether a window has weight 0 in a draw [R, ≥ K, B]
         self._count = 0  # K
         self._generators = generators(problem.seeds, "bootstrap/exact")
@@ -130,7 +142,8 @@ class Bootstrap(FitUncertainty):
         count, drawn = len(store), self._drawn
         if drawn is None or drawn[0] is not store.new or drawn[1] != count:
             anew = self.resample == "exact"
-            values = self._multinomial(count) if anew else self._poisson(store.new.labels.shape[1])
+            windows = store.windows if anew else store.new
+            values = counted(self._multinomial(windows) if anew else self._poisson(windows), windows)
             if count > self._outside.shape[1]:
                 self._outside = grown(self._outside, count)
             self._outside[:, count - values.shape[1] : count] = values[..., 1:] == 0
@@ -162,6 +175,7 @@ class Bootstrap(FitUncertainty):
             return self._problem.zeros(len(estimates), len(estimates))
         windows = store.windows
         out = self._outside[:, :count].to(FLOAT)
+        held = out.sum(-1) > 0 if windows.labelled is None else (out.sum(-1) > 0) & windows.labelled
         known = out.sum(-1).clamp(min=1)
         errors = []
         for estimate in estimates:
@@ -171,23 +185,33 @@ class Bootstrap(FitUncertainty):
                 predicted = windows.sums(each.mT)
             else:  # the sum of numbers that lie side by side
                 predicted = each.unflatten(-1, (-1, windows.length)).sum(-1).mT
-            errors.append(((predicted * out).sum(-1) / known - windows.labels) * (out.sum(-1) > 0))
-        stacked = torch.stack(errors, dim=1) / deviation(windows.labels)[:, None, None]
+            errors.append(((predicted * out).sum(-1) / known - windows.labels) * held)
+        stacked = torch.stack(errors, dim=1) / deviation(windows.labels, windows.labelled)[:, None, None]
         return stacked @ stacked.mT
 
-    def _poisson(self, windows: int) -> Tensor:
-        values = torch.ones(self._problem.replicas, windows, 1 + self.draws, dtype=FLOAT, device=self._problem.device)
-        for window in range(windows):
+    def _poisson(self, windows: Windows) -> Tensor:
+        count = windows.labels.shape[1]
+        values = torch.ones(self._problem.replicas, count, 1 + self.draws, dtype=FLOAT, device=self._problem.device)
+        if isinstance(self._stream, Queues):
+            values[:, :, 1:] = self._stream.take(windows.lengths > 0)
+            return values
+        for window in range(count):
             values[:, window, 1:] = self._stream.next()
         return values
 
-    def _multinomial(self, windows: int) -> Tensor:
-        if not windows:
+    def _multinomial(self, windows: Windows) -> Tensor:
+        count = windows.labels.shape[1]
+        if not count:
             return self._problem.zeros(0, 1 + self.draws)
-        even = np.full(windows, 1 / windows)
-        drawn = np.stack([g.multinomial(windows, even, size=self.draws).T for g in self._generators])
-        ones = np.ones((len(drawn), windows, 1))
-        return torch.as_tensor(np.concatenate([ones, drawn], axis=-1), dtype=FLOAT, device=self._problem.device)
+        found = np.ones((self._problem.replicas, count, 1 + self.draws))
+        held = None if windows.labelled is None else windows.labelled.cpu().numpy()
+        for replica, generator in enumerate(self._generators):
+            own = slice(None) if held is None else held[replica]
+            size = found[replica, own].shape[0]
+            if size:
+                drawn = generator.multinomial(size, np.full(size, 1 / size), size=self.draws)
+                found[replica, own, 1:] = drawn.T
+        return torch.as_tensor(found, dtype=FLOAT, device=self._problem.device)
 
 
 class Analytic(FitUncertainty):
@@ -210,7 +234,8 @@ class Analytic(FitUncertainty):
 
     def weights(self, store: Store) -> Weights:
         """One for each of the newest windows."""
-        return Weights(torch.ones(*store.new.labels.shape, 1, dtype=FLOAT, device=self._problem.device), anew=False)
+        ones = torch.ones(*store.new.labels.shape, 1, dtype=FLOAT, device=self._problem.device)
+        return Weights(counted(ones, store.new), anew=False)
 
     @property
     def sees_residuals(self) -> bool:

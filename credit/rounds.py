@@ -1,0 +1,143 @@
+"""When a run collects, refits and reports: in rounds of windows, or of steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import torch
+
+from credit.core.errors import UserError
+from credit.core.problem import Problem
+from credit.core.seams import Environment, Feedback
+
+
+class Keys(Protocol):
+    """What a trainer is told of its rounds."""
+
+    env: Environment
+    steps: int
+    windows_per_round: int
+    first_windows: int
+    first_windows_per_round: int
+    random_windows: int
+    log_every: int
+    steps_per_round: int | None
+    random_steps: int
+
+
+def problem_of(
+    env: Environment, feedback: Feedback, seeds: Sequence[int], device: torch.device | str, rolling: bool
+) -> Problem:
+    """What learners may know of an environment under a feedback.
+
+    Args:
+        env, feedback: not started. seeds: one a replica. rolling: whether rounds are of steps.
+
+    Raises:
+        UserError: no length of windows, one that no episode has, or one that needs rounds of steps.
+    """
+    name, window, horizon = type(env).__name__, feedback.window, env.horizon
+    if window is None and horizon is None:
+        raise UserError(
+            f"feedback.window=null is a whole episode, and episodes of {name} have no length of their own; give T, "
+            "such as feedback.window=7"
+        )
+    if window is not None and horizon is not None and window > horizon:
+        raise UserError(
+            f"feedback.window={window}: the longest episode of {name} has {horizon} steps; take at most {horizon}, or "
+            "null for whole episodes"
+        )
+    if rolling and not env.rolls:
+        raise UserError(
+            f"trainer.steps_per_round: copies of {name} begin their windows together, so rounds are of windows; set it "
+            "to null, and trainer.windows_per_round"
+        )
+    problem = env.problem(window or horizon or 0, tuple(seeds), device)
+    inside = problem.window < problem.horizon or feedback.lengths is not None
+    late = feedback.delay or feedback.delay_windows or feedback.missing
+    if not rolling and (inside or late):
+        what = f"windows of {feedback.lengths or problem.window} steps inside episodes" if inside else "such labels"
+        how = "late" if feedback.delay or feedback.delay_windows else "missing"
+        raise UserError(
+            f"feedback: {what if inside else how + ' labels'} need rounds of steps; set trainer.steps_per_round, such "
+            f"as trainer.steps_per_round={max(problem.horizon, 100)}"
+        )
+    even = not rolling and not env.ends_early
+    lockstep = rolling or not env.ends_early
+    return replace(problem, labels=feedback.kind, even=even, lockstep=lockstep)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The rounds of a run, counted in units: windows, or steps.
+
+    Attributes:
+        rolling: whether a unit is a step. unit: steps of one. whole: units of the run. rest: steps behind them.
+        random: units at the start in which actions are random. every: units between two rows of the journal.
+        rounds: units of a round. first: units at the start in rounds of their own, first_rounds: which have so many.
+    """
+
+    rolling: bool
+    unit: int
+    whole: int
+    rest: int
+    random: int
+    every: int
+    rounds: int
+    first: int = 0
+    first_rounds: int = 1
+
+    @classmethod
+    def of(cls, trainer: Keys, problem: Problem) -> Plan:
+        """What a trainer's keys come to.
+
+        Raises:
+            UserError: they do not go together.
+        """
+        steps, window = trainer.steps, problem.window
+        if steps < window:
+            raise UserError(f"trainer.steps={steps}: shorter than one window (feedback.window={window})")
+        if (size := trainer.steps_per_round) is not None:
+            for key in ("first_windows", "random_windows"):
+                if getattr(trainer, key):
+                    raise UserError(
+                        f"trainer.{key}={getattr(trainer, key)}: rounds are of steps (trainer.steps_per_round={size}); "
+                        "leave it 0, and see trainer.random_steps"
+                    )
+            if (copies := trainer.env.copies or 1) > 1 and (size % copies or steps % copies):
+                raise UserError(
+                    f"env.copies={copies}: each takes as many of trainer.steps_per_round={size} and trainer.steps="
+                    f"{steps}; take multiples of {copies}"
+                )
+            if steps // copies < window:
+                raise UserError(
+                    f"trainer.steps={steps}: each of env.copies={copies} takes {steps // copies} of them, less than "
+                    f"one window of {window}; take at least {copies * window}"
+                )
+            return cls(True, 1, steps, 0, trainer.random_steps, trainer.log_every * size, size)
+        if trainer.random_steps:
+            raise UserError(
+                f"trainer.random_steps={trainer.random_steps}: rounds are of windows; see trainer.random_windows"
+            )
+        whole, rest = divmod(steps, window)
+        for key in ("windows_per_round", "first_windows_per_round", "random_windows"):
+            if getattr(trainer, key) > whole:
+                raise UserError(
+                    f"trainer.{key}={getattr(trainer, key)}: more than the {whole} windows of the whole run "
+                    f"(trainer.steps={steps}, feedback.window={window}); take at most {whole}, or more steps"
+                )
+        if rest and problem.episodic and not problem.tabular:
+            raise UserError(
+                f"trainer.steps={steps}: trajectories cannot be cut short; take a multiple of feedback.window="
+                f"{window}, like {max(whole, 1) * window}"
+            )
+        sizes = trainer.windows_per_round, trainer.first_windows, trainer.first_windows_per_round
+        return cls(False, window, whole, rest, trainer.random_windows, trainer.log_every, *sizes)
+
+    def size(self, done: int) -> int:
+        """How many units come before the next refit, after so many; a round crosses no border."""
+        size = self.first_rounds if done < self.first else self.rounds
+        ends = [end - done for end in (self.first, self.random, self.whole) if end > done]
+        return min([size, *ends])
