@@ -45,11 +45,11 @@ class DeepSea(OutcomeEnvironment):
         return {0: 1.0}
 
     def outcomes(self, state: int, action: int) -> Sequence[Outcome]:
-        """One row down."""
+        """One row down; nothing below the last one."""
         size = self.horizon
         row, column = divmod(state, size)
         if row == size:
-            return [(1.0, state, 0.0)]
+            return []
         stay, left, right = (self._below(row, column + move) for move in (0, -1, 1))
         if action != self.right[row, column]:
             return [(1.0, left, 0.0)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import product
 from typing import ClassVar
@@ -13,9 +13,9 @@ import torch
 from scipy.sparse import csr_array
 from torch import Tensor
 
-from credit.core.errors import UserError
 from credit.core.knowledge import KnownTransitions
 from credit.core.problem import FLOAT, Problem
+from credit.core.seams import Transitions
 from credit.core.streams import Stream
 from credit.core.truth import EpisodicTruth
 from credit.envs.exact.base import ExactEnvironment, cumulative, require_distributions, successor
@@ -34,6 +34,7 @@ class OutcomeMDP:
     Args:
         probabilities: [S·A, W]. next_states: [S·A, W] int64. rewards: the mean of r(s, a, s') [S·A, W].
         deviation: of the Gaussian noise on r [S·A]. initial: [S].
+        final: in which states episodes end [S]; their rows lead back to them and give nothing.
 
     Raises:
         UserError: a row of P, or the initial distribution, is no distribution.
@@ -44,6 +45,7 @@ class OutcomeMDP:
     rewards: Tensor
     deviation: Tensor
     initial: Tensor
+    final: Tensor
 
     def __post_init__(self) -> None:
         require_distributions(self.probabilities, self.initial)
@@ -75,7 +77,9 @@ class OutcomeMDP:
 
 
 class OutcomeEnvironment(ExactEnvironment):
-    """Copies of one exact MDP that is given by what each step may lead to; episodes have `horizon` steps.
+    """Copies of one exact MDP that is given by what each step may lead to.
+
+    A state has to know the time: every episode ends after `horizon` steps, in a state without outcomes.
 
     Attributes:
         horizon: steps of an episode. sizes: S, A.
@@ -92,7 +96,7 @@ class OutcomeEnvironment(ExactEnvironment):
 
     @abstractmethod
     def outcomes(self, state: int, action: int) -> Sequence[Outcome]:
-        """What a step may lead to: probability, s' and the mean of r(s, a, s') of each; their number may differ."""
+        """What a step may lead to: probability, s' and the mean of r(s, a, s') of each; nothing where episodes end."""
 
     def deviation(self, state: int, action: int) -> float:
         """The standard deviation of the Gaussian noise on r(s, a, ·); none by default."""
@@ -104,26 +108,19 @@ class OutcomeEnvironment(ExactEnvironment):
         pairs = list(product(*map(range, self.sizes)))
         listed = [self.outcomes(*pair) for pair in pairs]
         most = max(map(len, listed))
-        padded = [[*row, *[(0.0, 0, 0.0)] * (most - len(row))] for row in listed]
+        filled = [row or [(1.0, state, 0.0)] for row, (state, _) in zip(listed, pairs, strict=True)]
+        padded = [[*row, *[(0.0, 0, 0.0)] * (most - len(row))] for row in filled]
         probabilities, then, rewards = torch.tensor(padded, dtype=FLOAT).unbind(-1)
         initial = torch.zeros(self.sizes[0], dtype=FLOAT)
         for state, probability in self.first().items():
             initial[state] = probability
         deviation = torch.tensor([self.deviation(*pair) for pair in pairs], dtype=FLOAT)
-        return OutcomeMDP(probabilities, then.long(), rewards, deviation, initial)
+        final = torch.tensor([not row for row in listed]).view(self.sizes).all(1)
+        return OutcomeMDP(probabilities, then.long(), rewards, deviation, initial, final)
 
     def problem(self, window: int | None, seeds: tuple[int, ...], device: torch.device | str = "cpu") -> Problem:
-        """S, A, T (the whole episode where it is None) and the seeds.
-
-        Raises:
-            UserError: the window is longer than an episode.
-        """
-        if window is not None and window > self.horizon:
-            raise UserError(
-                f"feedback.window={window}: an episode of {type(self).__name__} has {self.horizon} steps; take at most "
-                f"that many, or more by env.horizon"
-            )
-        return super().problem(window or self.horizon, seeds, device)
+        """S, A, T (the whole episode where it is None), the horizon and the seeds."""
+        return replace(super().problem(window or self.horizon, seeds, device), horizon=self.horizon)
 
     def start(self, problem: Problem, copies: int = 1, purpose: str = "environment") -> None:
         """Make the streams of K copies of R replicas."""
@@ -132,7 +129,13 @@ class OutcomeEnvironment(ExactEnvironment):
         self._successors, self._rewards = mdp.next_states.to(problem.device), mdp.rewards.to(problem.device)
         self._cumulative = cumulative(mdp.probabilities).to(problem.device)
         self._deviation = mdp.deviation.to(problem.device) if mdp.deviation.any() else None
+        self._final = mdp.final.to(problem.device)
         self._noise = Stream(problem, f"reward, {purpose}", "normal", copies)
+
+    def step(self, actions: Tensor, mask: Tensor | None = None) -> Transitions:
+        """Draw s' from P(·|s, a), and see whether the episode ends there."""
+        out = super().step(actions, mask)
+        return out._replace(terminated=self._final[out.states])
 
     def _draw(self, row: Tensor, uniform: Tensor) -> tuple[Tensor, Tensor]:
         which = successor(self._cumulative[row], uniform)

@@ -49,7 +49,7 @@ class Umbrella(OutcomeEnvironment):
         """Other distractors, and a reward that means something in the last step alone."""
         time, needed, there, _ = (int(digit) for digit in np.unravel_index(state, self.digits))
         if time == self.horizon:
-            return [(1.0, state, 0.0)]
+            return []
         there = action if time == 0 else there
         last = time == self.horizon - 1
         rewards = [1.0 if there == needed else -1.0] if last else [self.noise, -self.noise]

@@ -44,7 +44,7 @@ class WatchRepair(OutcomeEnvironment):
         """A jam or not, a flat tyre or not."""
         time, repaired, *_, brand = self._read(state)
         if time == self.horizon:
-            return [(1.0, state, 0.0)]
+            return []
         if time == 0:
             repaired = int(action == 0)
         paid = -REPAIR[brand][0] if time == 0 else 0.0

@@ -23,7 +23,7 @@ def test_moves_by_hand() -> None:
     assert sea.outcomes(4, 1)[0] == (1.0, 8, pytest.approx(-cost))
     assert sea.outcomes(8, 1)[0] == (1.0, 9, pytest.approx(1 - cost))  # the treasure
     assert sea.outcomes(8, 0) == [(1.0, 9, 0.0)]
-    assert sea.outcomes(9, 1) == [(1.0, 9, 0.0)]
+    assert sea.outcomes(9, 1) == []  # the ground
     assert sea.deviation(8, 1) == 0
 
 

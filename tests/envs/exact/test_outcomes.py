@@ -27,23 +27,26 @@ from .plain import value
 
 
 class Two(OutcomeEnvironment):
-    """Two states; action 1 in state 0 may lead to state 1 in two ways, and is noisy."""
-
-    sizes = (2, 2)
+    """Two places, once more in every step; action 1 in place 0 may lead to place 1 in two ways, and is noisy."""
 
     def __init__(self, horizon: int = 3, wrong: float = 0.0) -> None:
         self.horizon, self.wrong = horizon, wrong
+        self.sizes = (2 * horizon + 2, 2)
 
     def first(self) -> dict[int, float]:
         return {0: 0.75, 1: 0.25 + self.wrong}
 
     def outcomes(self, state: int, action: int) -> Sequence[Outcome]:
-        if (state, action) == (0, 1):
-            return [(0.5, 1, 2.0), (0.3, 1, -1.0), (0.2, 0, 0.5)]
-        return [(1.0, 0, float(state))]
+        time, place = divmod(state, 2)
+        if time == self.horizon:
+            return []
+        then = 2 * time + 2
+        if (place, action) == (0, 1):
+            return [(0.5, then + 1, 2.0), (0.3, then + 1, -1.0), (0.2, then, 0.5)]
+        return [(1.0, then, float(place))]
 
     def deviation(self, state: int, action: int) -> float:
-        return 0.5 if (state, action) == (0, 1) else 0.0
+        return 0.5 if state % 2 == 0 and action == 1 and state < 2 * self.horizon else 0.0
 
 
 EVERY = [Two(), DeepSea(4), DeepSea(3, windy=True, mapping=1), Umbrella(3, 0), WatchRepair(3)]
@@ -54,12 +57,18 @@ def named(env: OutcomeEnvironment) -> str:
 
 
 def test_tables_by_hand() -> None:
-    mdp = Two().mdp
-    assert mdp.pairs.goes_on.toarray().tolist() == [[1, 0], [0.2, 0.8], [1, 0], [1, 0]]
-    assert mdp.pairs.reward.tolist() == [[0, pytest.approx(0.8)], [1, 1]]  # .5·2 − .3·1 + .2·.5
-    assert mdp.deviation.tolist() == [0, 0.5, 0, 0]
+    mdp = Two(1).mdp
+    assert mdp.pairs.goes_on.toarray().tolist() == [
+        *([0, 0, 1, 0], [0, 0, 0.2, 0.8]),
+        *([0, 0, 1, 0], [0, 0, 1, 0]),
+        *([0, 0, 1, 0], [0, 0, 1, 0]),  # the ends
+        *([0, 0, 0, 1], [0, 0, 0, 1]),
+    ]
+    assert mdp.pairs.reward.tolist() == [[0, pytest.approx(0.8)], [1, 1], [0, 0], [0, 0]]  # .5·2 − .3·1 + .2·.5
+    assert mdp.deviation.tolist() == [0, 0.5, 0, 0, 0, 0, 0, 0]
+    assert mdp.final.tolist() == [False, False, True, True]
     torch.testing.assert_close(
-        mdp.transitions.backup(torch.tensor([1.0, 3.0], dtype=FLOAT)),
+        mdp.transitions.backup(torch.tensor([9.0, 9.0, 1.0, 3.0], dtype=FLOAT))[:2],
         torch.tensor([[1.0, 2.6], [1.0, 1.0]], dtype=FLOAT),
     )
 
@@ -143,8 +152,31 @@ def test_sums_are_judged_exactly_and_the_rest_by_rollouts(feedback: Any, kind: t
     assert isinstance(judge(env, feedback, problem, collector.evaluation), kind)
 
 
+def test_episodes_end_with_the_horizon_and_others_begin() -> None:
+    env = Two()
+    problem = env.problem(2, (0, 1))
+    assert (problem.window, problem.horizon) == (2, 3)
+    env.start(problem, copies=2)
+    env.reset()
+    steps = [env.step(torch.ones(2, 2, dtype=torch.int64)).terminated for _ in range(3)]
+    assert [bool(ended.all()) for ended in steps if ended is not None] == [False, False, True]
+    again = env.reset(torch.tensor([[True, False], [True, True]]))
+    assert (again.flatten()[[0, 2, 3]] < 2).all()
+    assert again[0, 1] >= 6
+
+
+def test_windows_inside_episodes() -> None:
+    env, feedback, random = Two(5), BlockSum(2, 0.0), Random()
+    problem = env.problem(feedback.window, (0, 1))
+    for part in (env, feedback, random):
+        part.start(problem)
+    found = Collector(env, feedback, problem).roll(random, 20)
+    assert found is not None
+    windows, rewards = found
+    assert windows.lengths.tolist() == [[2, 2, 1] * 4] * 2  # the end of an episode cuts a window short
+    torch.testing.assert_close(windows.sums(rewards), windows.labels)
+
+
 def test_what_is_refused() -> None:
-    with pytest.raises(UserError, match=r"feedback.window=4: an episode of Two has 3 steps"):
-        Two().problem(4, (0,))
     with pytest.raises(UserError, match=r"the initial distribution .* sum 1.1"):
         _ = Two(wrong=0.1).mdp

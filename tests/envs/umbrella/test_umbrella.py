@@ -38,7 +38,7 @@ def test_outcomes_by_hand() -> None:
     )
     assert env.outcomes(at(2, 1, 1, 0), 0) == [(0.5, at(3, 1, 1, 0), 1.0), (0.5, at(3, 1, 1, 1), 1.0)]
     assert {reward for *_, reward in env.outcomes(at(2, 0, 1, 0), 1)} == {-1.0}
-    assert env.outcomes(at(3, 1, 1, 0), 0) == [(1.0, at(3, 1, 1, 0), 0.0)]
+    assert env.outcomes(at(3, 1, 1, 0), 0) == []
 
 
 def test_without_noise_the_label_is_the_end() -> None:
