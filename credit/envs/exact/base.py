@@ -8,6 +8,7 @@ from typing import ClassVar, Protocol
 import torch
 from torch import Tensor
 
+from credit.core.errors import UserError
 from credit.core.knowledge import KnownTransitions
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Environment, Transitions
@@ -39,7 +40,7 @@ class ExactEnvironment(Environment):
 
     copies = 1
     ends_early: ClassVar = False
-    keeps: ClassVar = ("_stream", "_first", "_states", "_numbers", "_used")
+    keeps: ClassVar[tuple[str, ...]] = ("_stream", "_first", "_states", "_numbers", "_used")
 
     @property
     @abstractmethod
@@ -90,6 +91,33 @@ class ExactEnvironment(Environment):
     def knowledge(self) -> KnownTransitions:
         """P, for oracles."""
         return self.mdp.transitions
+
+
+def require_distributions(rows: Tensor, initial: Tensor) -> None:
+    """Refuse what is no distribution.
+
+    Args:
+        rows: P of row s·A + a, over any lists of successors [S·A, W]. initial: [S].
+
+    Raises:
+        UserError: names the row, and what its entries are.
+    """
+    for row in _not_distributions(rows)[:1].tolist():
+        entries, actions = rows[row], len(rows) // len(initial)
+        raise UserError(
+            f"transition row (s={row // actions}, a={row % actions}) is no distribution: its entries "
+            f"go from {float(entries.min()):.6g} to {float(entries.max()):.6g} and have the sum "
+            f"{float(entries.sum()):.6g}; they must lie in [0, 1] and sum to 1"
+        )
+    if len(_not_distributions(initial.unsqueeze(0))):
+        raise UserError(
+            f"the initial distribution has the least entry {float(initial.min()):.6g} and the sum "
+            f"{float(initial.sum()):.6g}; entries must lie in [0, 1] and sum to 1"
+        )
+
+
+def _not_distributions(rows: Tensor) -> Tensor:
+    return (((rows.sum(-1) - 1).abs() > 1e-9) | (rows < 0).any(-1)).nonzero().flatten()
 
 
 def successor(cumulative: Tensor, uniform: Tensor) -> Tensor:

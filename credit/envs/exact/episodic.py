@@ -17,7 +17,7 @@ from credit.core.errors import UserError
 from credit.core.knowledge import KnownTransitions
 from credit.core.problem import FLOAT, Problem
 from credit.core.truth import EpisodicTruth
-from credit.envs.exact.base import ExactEnvironment, cumulative, successor
+from credit.envs.exact.base import ExactEnvironment, cumulative, require_distributions, successor
 from credit.planning.horizon import backward, steps, worth
 
 
@@ -41,18 +41,7 @@ class SuccessorMDP:
     initial: Tensor
 
     def __post_init__(self) -> None:
-        for row in _not_distributions(self.probabilities)[:1].tolist():
-            entries = self.probabilities[row]
-            raise UserError(
-                f"transition row (s={row // self.actions}, a={row % self.actions}) is no distribution: its entries "
-                f"go from {float(entries.min()):.6g} to {float(entries.max()):.6g} and have the sum "
-                f"{float(entries.sum()):.6g}; they must lie in [0, 1] and sum to 1"
-            )
-        if len(_not_distributions(self.initial.unsqueeze(0))):
-            raise UserError(
-                f"the initial distribution has the least entry {float(self.initial.min()):.6g} and the sum "
-                f"{float(self.initial.sum()):.6g}; entries must lie in [0, 1] and sum to 1"
-            )
+        require_distributions(self.probabilities, self.initial)
 
     @property
     def states(self) -> int:
@@ -213,7 +202,3 @@ class EpisodicGymEnv(gymnasium.Env[int, int]):
         self.state = int(self.mdp.next_states[row, choice])
         self.taken += 1
         return self.state, float(self.mdp.reward_next[self.state]), self.taken == self.horizon, False, self.info()
-
-
-def _not_distributions(rows: Tensor) -> Tensor:
-    return (((rows.sum(-1) - 1).abs() > 1e-9) | (rows < 0).any(-1)).nonzero().flatten()

@@ -1,42 +1,40 @@
-"""The P of environments that offer it, as lists: what an exact judge needs, and no learner sees."""
+"""The P of environments that offer it, as lists or as tables: what an exact judge needs, and no learner sees."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import torch
 from scipy.sparse import csr_array
-from torch import Tensor
 
-from credit.core.cells import Cells
 from credit.core.problem import FLOAT
-from credit.core.truth import EpisodicTruth
-from credit.envs.exact.episodic import expected
-from credit.planning.horizon import backward, worth
+from credit.envs.exact.pairs import PairMDP
+
+TABLES = ("tx_mat", "r_mat", "d_0")  # P [S, A, S], r(s, a, s') [S, A, S] and the start [S] of ICU-Sepsis
 
 
-@dataclass(frozen=True)
-class Listed:
-    """P[s][a] = [(probability, s', r(s, a, s'), whether the episode ends)], as Gymnasium's toy texts have it.
-
-    Attributes:
-        goes_on: Σ of the probability that leads to s' and goes on [S·A, S]. reward: Σ P(s'|s, a) r(s, a, s') [S, A].
-        initial: [S].
-    """
-
-    goes_on: csr_array
-    reward: Tensor
-    initial: Tensor
+class Listed(PairMDP):
+    """The exact MDP of an environment that shows it."""
 
     @classmethod
     def of(cls, env: Any) -> Listed | None:
-        """That of an environment, None where it offers none, or no start distribution."""
-        table, initial = getattr(env, "P", None), getattr(env, "initial_state_distrib", None)
-        if table is None or initial is None:
-            return None
+        """That of an environment without its wrappers, None where it offers none, or no start distribution."""
+        lists, initial = getattr(env, "P", None), getattr(env, "initial_state_distrib", None)
+        if lists is not None and initial is not None:
+            return cls._of_lists(lists, initial)
+        dynamics = getattr(env, "dynamics", None)
+        if isinstance(dynamics, Mapping) and all(name in dynamics for name in TABLES):
+            # Inadmissible actions lead where the admissible ones do on average, as the table has it; in its other modes
+            # they end the episode or raise, and the table is not what happens.
+            same = getattr(env, "_inadmissible_action_strategy", "mean") == "mean"
+            return cls._of_tables(*(dynamics[name] for name in TABLES)) if same else None
+        return None
+
+    @classmethod
+    def _of_lists(cls, table: Any, initial: Any) -> Listed:
+        """P[s][a] = [(probability, s', r(s, a, s'), whether the episode ends)], as Gymnasium's toy texts have it."""
         states, actions = len(table), len(table[0])
         reward, goes_on = np.zeros(states * actions), list[tuple[float, int, int]]()
         for s in range(states):
@@ -49,19 +47,9 @@ class Listed:
         ahead = csr_array((values, (rows, columns)), shape=(states * actions, states))
         return cls(ahead, torch.from_numpy(reward).view(states, actions), torch.as_tensor(initial, dtype=FLOAT))
 
-    def ahead(self, values: Tensor) -> Tensor:
-        """r(s, a) + Σ P(s'|s, a) v(s') [..., S, A] of values [..., S], 0 behind an end."""
-        return self.reward + expected(self.goes_on, values)
-
-    def truth(self, horizon: int) -> EpisodicTruth:
-        """V* and the value of policies over a named horizon: a time limit stands outside of P."""
-        nothing = torch.zeros_like(self.initial)
-        values, _ = backward(self.ahead, nothing, horizon)
-        evaluate = partial(worth, self.ahead, nothing, self.initial)
-        states, actions = self.reward.shape
-        uniform = torch.full((1, horizon, states, actions), 1 / actions, dtype=FLOAT)
-
-        def table(cells: Cells) -> Tensor:
-            return cells.known(self.reward)
-
-        return EpisodicTruth(float(values[0] @ self.initial), float(evaluate(uniform)), table, evaluate)
+    @classmethod
+    def _of_tables(cls, transition: np.ndarray, reward: np.ndarray, initial: np.ndarray) -> Listed:
+        """P and r written out, where ends lead to a state that gives nothing and is never left."""
+        expected = torch.from_numpy(np.einsum("sat,sat->sa", transition, reward))
+        rows = transition.reshape(-1, transition.shape[-1])
+        return cls(csr_array(rows), expected, torch.as_tensor(initial, dtype=FLOAT))

@@ -18,6 +18,7 @@ PACKAGES = {  # how an id begins → the package that registers it, which may no
     "PointMaze": "gymnasium_robotics",
     "BabyAI": "minigrid",
     "MiniGrid": "minigrid",
+    "Sepsis/": "icu_sepsis",
 }
 
 

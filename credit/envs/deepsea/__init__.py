@@ -1,0 +1,1 @@
+"""DeepSea: a grid that asks for deep exploration."""

@@ -1,0 +1,1 @@
+"""RiverSwim: a chain against the current, which never ends."""

@@ -1,0 +1,1 @@
+"""The umbrella chain: one decision, and noise until its reward."""

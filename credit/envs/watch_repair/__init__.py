@@ -1,0 +1,1 @@
+"""Watch repair: one decision, paid for fifty steps later."""
