@@ -54,6 +54,11 @@ def problem_of(
             f"trainer.steps_per_round: copies of {name} begin their windows together, so rounds are of windows; set it "
             "to null, and trainer.windows_per_round"
         )
+    if feedback.reads is not None and env.facts is not None and feedback.reads not in env.facts:
+        raise UserError(
+            f"feedback reads whether a step is a {feedback.reads}, and {name} does not tell; "
+            f"{env.tells(feedback.reads)}"
+        )
     problem = env.problem(window or horizon or 0, tuple(seeds), device)
     inside = problem.window < problem.horizon or feedback.lengths is not None
     late = feedback.delay or feedback.delay_windows or feedback.missing

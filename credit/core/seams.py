@@ -346,6 +346,7 @@ class Environment(Component):
         copies: K, how many episodes of a replica run at once; None for as many as are collected. It is 1 where the
             task goes on for ever.
         horizon: most steps of an episode, where it has a limit of its own.
+        facts: what its steps tell beside the reward, for feedback and judges; None where that is not known before.
         ends_early: whether an episode may end before its window does; else every window has T steps.
         rolls: whether copies may begin episodes one by one while others go on, and be saved in mid-episode.
         evaluation_episodes: of each replica, in each evaluation by rollouts.
@@ -353,6 +354,7 @@ class Environment(Component):
 
     copies: int | None = None
     horizon: int | None = None
+    facts: Collection[str] | None = None
     ends_early: ClassVar[bool] = True
     rolls: ClassVar[bool] = True
     evaluation_episodes: int = 20
@@ -414,6 +416,10 @@ class Environment(Component):
     def demonstrations(self) -> tuple[Windows, Tensor] | None:
         """Labelled windows that every method starts from, and their primitive rewards [R, n]; none by default."""
         return None
+
+    def tells(self, fact: str) -> str:
+        """What to do that it tells a fact which it does not tell now."""
+        return f"let its steps give a fact {fact!r}, or choose another feedback"
 
     def remark(self) -> str:
         """What a user should know of these settings before a run, once started; nothing by default."""

@@ -26,6 +26,7 @@ from credit.envs.gymnasium.making import make
 from credit.envs.gymnasium.workers import Elsewhere
 
 SUCCESS = ("success", "is_success")  # keys of `info` under which environments report one
+REWARD = "reward"  # says that a positive reward is one
 
 
 class Gymnasium(Environment):
@@ -42,7 +43,8 @@ class Gymnasium(Environment):
         copies: K, episodes that run side by side; None for as many as are collected at once.
         workers: processes that step them; 0 for this one.
         view: whether observations are seen as a number or as a vector; `auto`: a number where there are few.
-        success: the key of `info` that says whether a step is a success; `auto` looks for `success`, `is_success`.
+        success: the key of `info` that says whether a step is a success; `auto` looks for `success`, `is_success`;
+            `reward`: a step with a positive reward is one.
         evaluation_episodes: of each replica, in each evaluation by rollouts.
 
     Raises:
@@ -90,6 +92,7 @@ class Gymnasium(Environment):
             UserError: there is no limit.
         """
         limit = self.max_steps or (self._one.spec.max_episode_steps if self._one.spec else None)
+        limit = limit or getattr(self._one.unwrapped, "max_steps", None)  # MiniGrid's own
         if limit is None:
             raise UserError(
                 f"env.id={self.id!r} was registered without a time limit, and an evaluation must end: give "
@@ -116,11 +119,26 @@ class Gymnasium(Environment):
         env = self._one
         return spaces.observations(env.observation_space, self.view), spaces.actions(env.action_space)
 
+    @property
+    def facts(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Success, where it is told."""
+        return ("success",) if self.success == REWARD or self._reports is not None else ()
+
+    def tells(self, fact: str) -> str:
+        """How success may be told."""
+        keys = ", ".join(SUCCESS)
+        return (
+            f"env.success=auto looks for one of the keys {keys} in the info of env.id={self.id!r}; name another by "
+            "env.success=KEY, say env.success=reward if a positive reward is one, or choose another feedback"
+        )
+
     @cached_property
     def _reports(self) -> str | None:
         """The key of `info` under which success is reported, None where it is not."""
-        if self.success != "auto":
+        if self.success not in ("auto", REWARD):
             return self.success
+        if self.success == REWARD:
+            return None
         env = self._one
         env.reset(seed=0)
         env.action_space.seed(0)
@@ -164,7 +182,9 @@ class Gymnasium(Environment):
             if out.terminated or out.truncated:
                 self._open[n] = []
         self._require_finite("reward", rewards)
-        facts = {"success": self._all(success)} if self._reports is not None else {}
+        if self.success == REWARD:
+            success = rewards > 0
+        facts = {"success": self._all(success)} if self.facts else {}
         ended = self._all(terminated), self._all(truncated & ~terminated)
         return Transitions(self._states(), self._all(rewards), *ended, facts)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 from collections.abc import Mapping, Sequence
+from importlib.metadata import version
 from typing import Any
 
 import gymnasium
@@ -20,6 +21,7 @@ PACKAGES = {  # how an id begins → the package that registers it, which may no
     "MiniGrid": "minigrid",
     "Sepsis/": "icu_sepsis",
 }
+TOO_OLD = ("Fetch", "Hand")  # environments that set up MuJoCo 3 by hand
 
 
 def make(id: str, kwargs: Mapping[str, Any], max_steps: int | None, wrappers: Sequence[str]) -> gymnasium.Env[Any, Any]:
@@ -39,6 +41,11 @@ def make(id: str, kwargs: Mapping[str, Any], max_steps: int | None, wrappers: Se
     except (gymnasium.error.DependencyNotInstalled, ModuleNotFoundError) as error:
         raise UserError(f"env.id={id!r} needs a package that is not installed: {_first(error)}") from None
     except Exception as error:  # whatever somebody's constructor may raise
+        if id.startswith(TOO_OLD) and int(version("mujoco").partition(".")[0]) > 3:
+            raise UserError(
+                f"env.id={id!r} cannot be made: gymnasium-robotics {version('gymnasium-robotics')} does not know "
+                f"MuJoCo {version('mujoco')}, which credit needs; its mazes and Adroit's hand do"
+            ) from None
         given = f", made with {dict(kwargs)}" if kwargs else ""
         raise UserError(f"env.id={id!r}{given} cannot be made: {type(error).__name__}: {_first(error)}") from error
     return env
