@@ -50,18 +50,22 @@ class EqualCells(FeatureMap):
     ) -> None:
         self.cells = cells
         self.bounds = bounds
-        self.actions = actions
+        self.per_action = actions  # `actions` is what every component says of spaces
 
     def start(self, problem: Problem) -> None:
         """Find the coordinates, and lay out their cells."""
         named = Coordinates(problem)
-        counts = self.cells if isinstance(self.cells, Mapping) else dict.fromkeys(range(len(named.states)), self.cells)
+        counts: dict[int | str, int] = {}
+        if isinstance(self.cells, Mapping):
+            counts |= self.cells
+        else:
+            counts |= {place: self.cells for place in range(len(named.states))}
         sizes = _found("cells", counts, named)
         bounds = {key: _pair(key, pair) for key, pair in _found("bounds", self.bounds or {}, named).items()}
         if unused := [key.name for key in bounds if key not in sizes]:
             raise UserError(f"features.bounds: {', '.join(unused)} has bounds and no cells; name it in features.cells")
         self._cut = [_Cut(key, size, *bounds.get(key, (key.low, key.high))) for key, size in sizes.items()]
-        if self.actions and not any(key.of == "actions" for key in sizes):
+        if self.per_action and not any(key.of == "actions" for key in sizes):
             if not problem.finite_actions:
                 raise UserError(
                     "features.actions=true: actions are vectors here, and there is no cell for each; name their "

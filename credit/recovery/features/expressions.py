@@ -36,6 +36,7 @@ OPERATORS: dict[type[ast.operator], Callable[[Tensor, Tensor], Tensor]] = {
 }
 SIGNS: dict[type[ast.unaryop], Callable[[Tensor], Tensor]] = {ast.UAdd: operator.pos, ast.USub: operator.neg}
 CATEGORY = "C"
+LARGEST = 1e300  # number
 ALLOWED = (
     f"allowed: coordinates, numbers, + - * / ** and the functions {', '.join(FUNCTIONS)}; and {CATEGORY}(coordinate) as "
     "a factor of its own"
@@ -87,7 +88,7 @@ def _check(node: ast.expr, names: dict[str, None]) -> None:
     match node:
         case ast.Name(id=name):
             names[name] = None
-        case ast.Constant(value=value) if type(value) in (int, float) and abs(value) < torch.finfo(FLOAT).max:
+        case ast.Constant(value=int() | float() as value) if not isinstance(value, bool) and value < LARGEST:
             pass
         case ast.BinOp(left=left, op=op, right=right) if type(op) in OPERATORS:
             _check(left, names)

@@ -79,5 +79,3 @@ class Formula(FeatureMap):
                     f"features.formula={self.formula!r}: {block.name} is not a finite number{where}; keep to what is "
                     "defined everywhere, like log(1 + abs(x)) for log(x)"
                 )
-
-

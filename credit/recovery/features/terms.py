@@ -120,8 +120,8 @@ class Parsed:
         columns = sum(prod(levels.get(text, 1) for text in term) for term in self.terms)
         if columns > LARGEST:
             raise UserError(
-                f"features.formula={self.formula!r}: {columns} columns, at most {LARGEST} are made; a table of that size "
-                "is reward=ridge_table's"
+                f"features.formula={self.formula!r}: {columns} columns, at most {LARGEST} are made; a table "
+                "of that size is reward=ridge_table"
             )
         parts = {text: self._part(text, found, levels.get(text)) for text in self.expressions}
         return [self._block(scoped, parts, found, levels) for scoped in _scoped(self.terms, self.expressions, levels)]
@@ -193,9 +193,7 @@ def _scoped(
     ]
     spec: Any = formulaic.model_matrix(formulaic.SimpleFormula(shown, _ordering="none"), frame).model_spec
     return [
-        _Scoped(
-            float(scoped.scale), tuple((texts[each.factor.expr], bool(each.reduced)) for each in scoped.factors)
-        )
+        _Scoped(float(scoped.scale), tuple((texts[each.factor.expr], bool(each.reduced)) for each in scoped.factors))
         for term in spec.structure
         for scoped in term.scoped_terms
     ]
@@ -217,8 +215,8 @@ def _require_small_powers(formula: str) -> None:
     for before, token in pairwise(DefaultFormulaParser().get_tokens(formula)):
         if before.token in ("**", "^") and token.token.isdecimal() and int(token.token) > POWER:
             raise UserError(
-                f"a power {token.token} of terms, at character {token.source_start + 1}, at most {POWER} is written out; "
-                "the power of a number stands in braces: {s**8}"
+                f"a power {token.token} of terms, at character {token.source_start + 1}, at most {POWER} is written "
+                "out; the power of a number stands in braces: {s**8}"
             )
 
 
