@@ -59,7 +59,7 @@ class EqualCells(FeatureMap):
         if isinstance(self.cells, Mapping):
             counts |= self.cells
         else:
-            counts |= {place: self.cells for place in range(len(named.states))}
+            counts |= dict.fromkeys(range(len(named.states)), self.cells)
         sizes = _found("cells", counts, named)
         bounds = {key: _pair(key, pair) for key, pair in _found("bounds", self.bounds or {}, named).items()}
         if unused := [key.name for key in bounds if key not in sizes]:

@@ -24,7 +24,7 @@ class Coordinate:
     Attributes:
         name: `s`, `a`, or `s0`, `a1` of a vector; or as the environment calls it. of: the column that it is in.
         place: its number in a vector, None where the state or the action is a number. levels: how many values it has,
-            None where it is a real number. low, high: its bounds, infinite where there are none; 0 … levels of a number.
+            None where it is a real number. low, high: its bounds, infinite where there are none; 0 and levels of those.
     """
 
     name: str

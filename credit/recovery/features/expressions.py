@@ -38,8 +38,8 @@ SIGNS: dict[type[ast.unaryop], Callable[[Tensor], Tensor]] = {ast.UAdd: operator
 CATEGORY = "C"
 LARGEST = 1e300  # number
 ALLOWED = (
-    f"allowed: coordinates, numbers, + - * / ** and the functions {', '.join(FUNCTIONS)}; and {CATEGORY}(coordinate) as "
-    "a factor of its own"
+    f"allowed: coordinates, numbers, + - * / ** and the functions {', '.join(FUNCTIONS)}; and {CATEGORY}(coordinate) "
+    "as a factor of its own"
 )
 
 

@@ -31,8 +31,8 @@ class Formula(FeatureMap):
         formula: the terms.
 
     Raises:
-        UserError: it cannot be read, or reaches for something else; at `start`: a coordinate that is not there, or values
-            that are not finite.
+        UserError: it cannot be read, or reaches for something else; at `start`: a coordinate that is not there, or
+            values that are not finite.
 
     Example:
         >>> Formula("1 + s + a + s:a")

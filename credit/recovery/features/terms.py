@@ -58,7 +58,7 @@ class Parsed:
     """A formula that was read: terms, products of expressions and numbers.
 
     Attributes:
-        formula: the text. terms: of each the texts of its factors. expressions: text → what it says; others are numbers.
+        formula: the text. terms: of each the texts of its factors. expressions: text → what it says; else numbers.
     """
 
     formula: str

@@ -23,10 +23,10 @@ MIXED = replace(VECTORS, action_space=Discrete(3), observation_space=Box(-1.0, 1
 UNIT = {"bounds": {"x": [0, 1]}, "actions": False}
 
 
-def at(problem: Problem, states: Any, actions: Any, *args: Any, **kwargs: Any) -> list[int]:
+def at(problem: Problem, states: Any, done: Any, *args: Any, **kwargs: Any) -> list[int]:
     features = EqualCells(*args, **kwargs)
     features.start(problem)
-    steps = Steps(torch.tensor(states), torch.tensor(actions), torch.tensor(states))
+    steps = Steps(torch.tensor(states), torch.tensor(done), torch.tensor(states))
     values = features(steps)
     assert (values.sum(-1) == 1).all()
     return values.to(torch.int64).argmax(-1).tolist()
