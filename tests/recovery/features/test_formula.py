@@ -30,7 +30,17 @@ def of(formula: str, problem: Problem) -> Formula:
 
 @pytest.mark.parametrize(
     "formula",
-    ["1 + s + a + s:a", "s*a", "0 + C(a)", "C(s)*C(a)", "C(a):s - 1", "0 + C(s):C(a)", "a + C(s):a", "2.5:s:C(a)", "a/s"]
+    [
+        "1 + s + a + s:a",
+        "s*a",
+        "0 + C(a)",
+        "C(s)*C(a)",
+        "C(a):s - 1",
+        "0 + C(s):C(a)",
+        "a + C(s):a",
+        "2.5:s:C(a)",
+        "a/s",
+    ]
     + ["log(1 + s) + {s**2} + I(a/2)", "(s + C(a))**2", "C(a):exp(-s/4) + C(s)", "0 + s:C(a) + C(s)"],  # noqa: RUF005 - two lines
 )
 def test_columns_are_those_of_formulaic(formula: str) -> None:
