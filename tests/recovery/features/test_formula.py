@@ -40,8 +40,11 @@ def of(formula: str, problem: Problem) -> Formula:
         "a + C(s):a",
         "2.5:s:C(a)",
         "a/s",
-    ]
-    + ["log(1 + s) + {s**2} + I(a/2)", "(s + C(a))**2", "C(a):exp(-s/4) + C(s)", "0 + s:C(a) + C(s)"],  # noqa: RUF005 - two lines
+        "log(1 + s) + {s**2} + I(a/2)",
+        "(s + C(a))**2",
+        "C(a):exp(-s/4) + C(s)",
+        "0 + s:C(a) + C(s)",
+    ],
 )
 def test_columns_are_those_of_formulaic(formula: str) -> None:
     steps = FINITE.cells.steps(torch.device("cpu"))
