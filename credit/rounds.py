@@ -71,7 +71,8 @@ def problem_of(
         )
     even = not rolling and not env.ends_early
     lockstep = rolling or not env.ends_early
-    return replace(problem, labels=feedback.kind, even=even, lockstep=lockstep)
+    names = tuple(env.names or problem.names)
+    return replace(problem, labels=feedback.kind, even=even, lockstep=lockstep, names=names)
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,7 @@ class Problem(Replicas):
         labels: of which kind they are, where somebody says so.
         lockstep: whether all replicas take as many steps in every round.
         even: whether all windows have T steps and a label.
+        names: of the coordinates of an observation, where the environment says them.
 
     Example:
         >>> Problem.finite(10, 3, window=7, seeds=(0,))
@@ -64,6 +65,7 @@ class Problem(Replicas):
     labels: LabelKind | None = None
     lockstep: bool = False
     even: bool = True
+    names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """A window that nobody says to be a part of an episode is one."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol
 
 import torch
@@ -350,6 +350,7 @@ class Environment(Component):
         ends_early: whether an episode may end before its window does; else every window has T steps.
         rolls: whether copies may begin episodes one by one while others go on, and be saved in mid-episode.
         evaluation_episodes: of each replica, in each evaluation by rollouts.
+        names: of the coordinates of an observation, for feature maps; None: s0, s1, …
     """
 
     copies: int | None = None
@@ -358,6 +359,7 @@ class Environment(Component):
     ends_early: ClassVar[bool] = True
     rolls: ClassVar[bool] = True
     evaluation_episodes: int = 20
+    names: Sequence[str] | None = None
 
     @abstractmethod
     def problem(self, window: int, seeds: tuple[int, ...], device: torch.device | str) -> Problem:

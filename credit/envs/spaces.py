@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 import torch
-from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Space, Tuple
+from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Space, Tuple, flatten_space
 from torch import Tensor
 
 from credit.core.errors import UserError
@@ -136,7 +136,7 @@ class Vectors(Observations):
 
     def __init__(self, space: Space[Any]) -> None:
         self._space = space
-        self.space = Box(-np.inf, np.inf, (_width(space),))
+        self.space = _bounded(space)
 
     def __call__(self, values: Any) -> Tensor:
         """Vectors [..., O] float32."""
@@ -256,6 +256,16 @@ def _width(space: Space[Any]) -> int:
         f"observation space {space} has values of different sizes, and learners see vectors of one size; wrap the "
         "environment so that it has a Box, Dict or Tuple (gymnasium.wrappers.TransformObservation)"
     )
+
+
+def _bounded(space: Space[Any]) -> Box:
+    """The vectors of a space, with the bounds that it has."""
+    _width(space)  # refuses what has none
+    flat = flatten_space(space)
+    assert isinstance(flat, Box)
+    with np.errstate(over="ignore"):  # the largest float64 stands for infinity
+        low, high = (np.asarray(part).reshape(-1).astype(np.float32) for part in (flat.low, flat.high))
+    return Box(low, high)
 
 
 def _flat(space: Space[Any], values: Any) -> Tensor:

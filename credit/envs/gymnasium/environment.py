@@ -46,6 +46,7 @@ class Gymnasium(Environment):
         success: the key of `info` that says whether a step is a success; `auto` looks for `success`, `is_success`;
             `reward`: a step with a positive reward is one.
         evaluation_episodes: of each replica, in each evaluation by rollouts.
+        names: of the coordinates of an observation as learners see it, for feature maps; None: s0, s1, …
 
     Raises:
         UserError: at `problem`: no such id, a space that nobody takes, no time limit.
@@ -68,6 +69,7 @@ class Gymnasium(Environment):
         view: Literal["auto", "number", "vector"] = "auto",
         success: str = "auto",
         evaluation_episodes: PositiveInt = 20,
+        names: Sequence[str] | None = None,
     ) -> None:
         self.id = id
         self.kwargs = dict(kwargs or {})
@@ -78,6 +80,7 @@ class Gymnasium(Environment):
         self.view = view
         self.success = success
         self.evaluation_episodes = evaluation_episodes
+        self.names = names
 
     def problem(self, window: int | None, seeds: tuple[int, ...], device: torch.device | str = "cpu") -> Problem:
         """Spaces as they are encoded; an episode lasts for the time limit at most, and so does a window."""
@@ -235,8 +238,8 @@ class Gymnasium(Environment):
 
     def twin(self) -> Gymnasium:
         """Another of the same, to be started."""
-        names = ("id", "kwargs", "wrappers", "max_steps", "copies", "workers", "view", "success", "evaluation_episodes")
-        return type(self)(**{name: getattr(self, name) for name in names})
+        keys = ("id", "kwargs", "wrappers", "max_steps", "copies", "workers", "view", "success", "evaluation_episodes")
+        return type(self)(**{key: getattr(self, key) for key in keys}, names=self.names)
 
     def truth(self, objective: str, window: int) -> EpisodicTruth | None:
         """Where the environment offers its `P` and the start distribution: V* and the value of policies."""

@@ -45,6 +45,7 @@ class PointMaze(Environment):
 
     setting: ClassVar = "episodic"
     rolls: ClassVar = False
+    names = ("x", "y", "vx", "vy")
 
     def __init__(
         self,

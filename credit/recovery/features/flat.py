@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import torch
 from torch import Tensor
 
@@ -12,6 +14,8 @@ from credit.core.steps import Steps
 
 class Flat(FeatureMap):
     """State and action side by side: vectors as they are, numbers one-hot; for any spaces."""
+
+    keeps: ClassVar = ()
 
     def start(self, problem: Problem) -> None:
         """Learn which are numbers, and how many there are of them."""
