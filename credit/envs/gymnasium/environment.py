@@ -120,7 +120,12 @@ class Gymnasium(Environment):
     @cached_property
     def _encoders(self) -> tuple[spaces.Observations, spaces.Actions]:
         env = self._one
-        return spaces.observations(env.observation_space, self.view), spaces.actions(env.action_space)
+        try:
+            return spaces.observations(env.observation_space, self.view), spaces.actions(env.action_space)
+        except UserError as error:
+            grid = self.id.startswith(("MiniGrid", "BabyAI"))
+            hint = "; here: env.wrappers=[minigrid.wrappers:ImgObsWrapper]" if grid else ""
+            raise UserError(f"env.id={self.id!r}: {error}{hint}") from None
 
     @property
     def facts(self) -> tuple[str, ...]:  # type: ignore[override]

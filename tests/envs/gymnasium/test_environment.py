@@ -14,15 +14,17 @@ from torch import Tensor
 from credit.agents.random import Random
 from credit.core.errors import RunError, UserError
 from credit.core.problem import FLOAT, Problem
-from credit.core.seams import Environment
+from credit.core.seams import Environment, Feedback
 from credit.core.streams import reset_seed
 from credit.core.windows import Windows
 from credit.envs.collect import Collector
-from credit.envs.feedback import BlockSum
+from credit.envs.feedback import BlockSum, EpisodeSum, Success
+from credit.envs.gymnasium import making
 from credit.envs.gymnasium.environment import Gymnasium
 from credit.judges.choose import judge
 from credit.judges.exact import Episodic
 from credit.judges.rollouts import Rollouts
+from credit.rounds import problem_of
 from credit.runs.checkpoint import only_data
 
 SEEDS = (3, 4)
@@ -135,12 +137,45 @@ def test_info_reaches_nobody_but_for_success(reports: bool) -> None:
     assert all(out.facts.keys() == ({"success"} if reports else set()) for out in outs)
 
 
+def test_a_package_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(making.PACKAGES, "Nowhere", "nowhere_envs")
+    with pytest.raises(UserError, match="install the package nowhere_envs"):
+        Gymnasium("Nowhere-v0").problem(None, SEEDS)
+
+
+def test_success_is_told_or_refused() -> None:
+    with pytest.raises(UserError, match=r"one of the keys success, is_success in the info of env\.id='CartPole-v1'"):
+        problem_of(Gymnasium("CartPole-v1"), Success(None), SEEDS, "cpu", rolling=True)
+    lake = Gymnasium("FrozenLake-v1", success="reward")
+    problem_of(lake, Success(None), SEEDS, "cpu", rolling=True)
+    assert lake.facts == ("success",)
+
+
+@pytest.mark.parametrize(
+    ("feedback", "rolling", "said"),
+    [
+        (
+            BlockSum(600),
+            True,
+            r"feedback\.window=600: the longest episode of Gymnasium has 500 steps; take at most 500",
+        ),
+        (BlockSum(20), False, "windows of 20 steps inside episodes need rounds of steps"),
+        (EpisodeSum(missing=0.5), False, "missing labels need rounds of steps"),
+        (EpisodeSum(delay=3), False, "late labels need rounds of steps"),
+    ],
+)
+def test_windows_that_do_not_go_with_episodes_are_refused(feedback: Feedback, rolling: bool, said: str) -> None:
+    with pytest.raises(UserError, match=said):
+        problem_of(Gymnasium("CartPole-v1"), feedback, SEEDS, "cpu", rolling=rolling)
+
+
 @pytest.mark.parametrize(
     ("name", "keys", "said"),
     [
         ("CartPole-v9", {}, r"env.id='CartPole-v9'.*did you mean 'CartPole-v1'"),
         ("Pendulm-v1", {}, "did you mean 'Pendulum-v1'"),
-        ("MiniGrid-Empty-5x5-v0", {}, "install the package minigrid"),
+        ("MiniGrid-Empty-5x5-v0", {}, r"different sizes.*env\.wrappers=\[minigrid\.wrappers:ImgObsWrapper\]"),
+        ("FetchReach-v4", {}, "does not know MuJoCo 4"),
         ("nopackage:Thing-v0", {}, "needs a package that is not installed.*nopackage"),
         ("tests/Endless-v0", {}, r"without a time limit.*env\.max_steps"),
         ("CartPole-v1", {"kwargs": {"nope": 1}}, r"made with \{'nope': 1\} cannot be made: TypeError"),
