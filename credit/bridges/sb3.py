@@ -119,10 +119,7 @@ class Relabel(BaseCallback):
             raise UserError("this assigner is shown every true reward: so is the agent itself, without this callback")
         if self._told and why_not(self.assigner) and getattr(self.assigner, "scaler", None) is not None:
             raise UserError(f"windows of DelayedReward may have no label: {why_not(self.assigner)}")
-        limits = env.get_attr("label_window") if self._told else [self._limit(spec) for spec in env.get_attr("spec")]
-        most = self.window or self.longest or (None if None in limits else max(limits))
-        if most is None:
-            raise UserError("windows are episodes, and there is no time limit: give longest=<most steps of an episode>")
+        most = self.window or self.longest or self._limit()
         if most >= (size := self._buffer.buffer_size):
             raise UserError(
                 f"a window has up to {most} steps, and the buffer holds {size} of each environment: it must hold more; "
@@ -135,9 +132,19 @@ class Relabel(BaseCallback):
         require({"assigner": self.assigner}, problem)
         return problem
 
-    @staticmethod
-    def _limit(spec: Any) -> int | None:
-        return None if spec is None else spec.max_episode_steps
+    def _limit(self) -> int:
+        """Most steps of a window, as the environments tell it.
+
+        Raises:
+            UserError: they do not.
+        """
+        if self._told:
+            found = self.training_env.get_attr("label_window")
+        else:
+            found = [spec and spec.max_episode_steps for spec in self.training_env.get_attr("spec")]
+        if None in found:
+            raise UserError("windows are episodes, and there is no time limit: give longest=<most steps of an episode>")
+        return int(max(found))
 
     def _on_step(self) -> bool:
         """Look at the row that was added since the last call; the next one is added behind this."""

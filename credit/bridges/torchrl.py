@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import torch
 from tensordict import NestedKey, TensorDictBase
@@ -57,7 +58,7 @@ class Relabel(Transform):
         require({"assigner": assigner}, problem)
         super().__init__(in_keys=[], out_keys=[])
         self.assigner, self.problem, self.reward_key = assigner, problem, reward_key
-        self._read = steps or (lambda batch: steps_of(batch, problem))
+        self._read: Told = steps or partial(steps_of, problem=problem)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """The batch with other rewards; its other tensors are the same."""

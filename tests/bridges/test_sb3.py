@@ -246,6 +246,24 @@ def test_learning_goes_on_where_it_was_or_from_a_reset() -> None:
     assert len(relabel.store) < 20  # another buffer
 
 
+@pytest.mark.parametrize("wrapped", [False, True])
+def test_a_row_that_another_callback_keeps_out_of_the_buffer_spoils_no_label(wrapped: bool) -> None:
+    class Stop(BaseCallback):
+        """Ends the training between a step and the buffer."""
+
+        def _on_step(self) -> bool:
+            return self.num_timesteps not in (63, 114)
+
+    env = DelayedReward(Walk(), BlockSum(5, 0.0)) if wrapped else Walk()
+    model, relabel = agent([env]), Relabel(recovery(), None if wrapped else 5, every=20)
+    for _ in range(3):
+        model.learn(80, callback=[relabel, Stop()], reset_num_timesteps=False)
+    windows = relabel.store.windows
+    rewards = 0.25 * (4 * windows.next_states[..., 0].double()).round() + 0.5
+    assert windows.labels.shape[1] > 30
+    assert torch.equal(windows.sums(rewards), windows.labels)
+
+
 def test_dictionaries_are_seen_as_vectors() -> None:
     class Named(gymnasium.ObservationWrapper[Any, Any, Any]):
         def __init__(self, env: Walk) -> None:
