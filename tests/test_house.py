@@ -2,6 +2,7 @@
 
 core  ◄  networks, planning, data  ◄  envs · recovery · rivals · agents · judges  ◄  trainer  ◄  runs  ◄  cli
          config, on core ◄ runs, cli        tracking, report: on run folders ◄ cli        bench, testing: all
+         bridges, on core and encoders, for agents of other libraries
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ BELOW: dict[str, set[str]] = {  # room → the rooms that it may import, beside 
     "rivals": CORE | TOOLS | {"recovery.models"},  # a rival may use a model of recovery's
     "rounds": CORE,
     "trainer": LOOP,
+    "bridges": CORE | {"envs.spaces"},  # for agents of other libraries
     "config": CORE,
     "runs": LOOP | {"config"},
     **dict.fromkeys(READERS, CORE | {"runs"}),
@@ -45,6 +47,7 @@ ONLY = {  # package → the rooms that know it
     "omegaconf": {"config", "cli"},
     "mlflow": {"tracking", "bench"},
     "mujoco": {"envs", "report", "bench"},
+    "stable_baselines3": {"bridges", "bench"},
 }
 # What stands against the law today, each with its reason. A line whose import has gone must go, too.
 KNOWN = {

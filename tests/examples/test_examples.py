@@ -103,3 +103,23 @@ def test_steps_are_recovered_from_episodes(capsys: pytest.CaptureFixture[str]) -
     assert found["correlation"] > 0.85
     assert found["network"] + found["speed"] == pytest.approx(1, abs=1e-4)
     assert "correlation" in capsys.readouterr().out
+
+
+def test_labels_come_late(tmp_path: Path) -> None:
+    *labels, last = output_of("late_labels.py", tmp_path)
+    assert labels
+    assert all(4 < label == reward < 6 for label, reward in map(numbers, labels))
+    assert "a window ends without a label" in last
+
+
+def test_an_agent_of_stable_baselines_learns_from_recovered_rewards(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("stable_baselines3")
+    assert runpy.run_path(str(EXAMPLES / "sb3_agent.py"))["main"](1_010) > 0.9
+    assert "1000 steps, 50 labels" in capsys.readouterr().out
+
+
+def test_a_torchrl_buffer_samples_recovered_rewards(capsys: pytest.CaptureFixture[str]) -> None:
+    found = runpy.run_path(str(EXAMPLES / "torchrl_buffer.py"))["main"]()
+    assert -3 < found[-1] < 1
+    assert found[-100] < -80
+    assert "on average" in capsys.readouterr().out
