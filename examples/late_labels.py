@@ -13,7 +13,7 @@ from credit.envs.feedback import BlockSum
 
 def main() -> None:
     """One episode of a pole that falls, with random pushes; each step is worth 1."""
-    env = DelayedReward(gymnasium.make("CartPole-v1"), BlockSum(window=5, noise=0.1), cut="drop")
+    env = DelayedReward(gymnasium.make("CartPole-v1"), BlockSum(window=5, noise=0.1, cut="drop"))
     env.action_space.seed(0)
     env.reset(seed=0)
     over, step = False, 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any
 
 import gymnasium
 import torch
@@ -14,16 +14,17 @@ from gymnasium.utils import RecordConstructorArgs
 from credit.core.errors import RunError, UserError
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Feedback
+from credit.core.streams import Queues
 from credit.envs.gymnasium.environment import SUCCESS
 
-Cut = Literal["label", "drop"]
 OWN = ("label", "window_end", "censored")  # keys of `info` that are ours
 
 
 class DelayedReward(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """The label of a window in place of its rewards: at its last step, and 0 before it.
 
-    A window has T steps, or is a whole episode where the feedback's window is None; an episode begins a new one.
+    A window has T steps, as many as are drawn, or is a whole episode, as the feedback has it; an episode begins a new
+    one. One that an episode's end cuts short, and labels that are missing, are as the feedback has them, too.
     `info` has `window_end` and `censored`, whether a window ended without a label, in every step, and `label` where
     there is one. All else that the environment tells there is left out: many repeat the reward in it.
 
@@ -32,15 +33,13 @@ class DelayedReward(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs
         feedback: what makes labels; it is copied, so that several environments may be given the same.
         seed: of the feedback's random numbers; give each of several environments its own. `reset(seed=…)` seeds the
             environment alone.
-        cut: what a window comes to that an episode's end cut short: a label of the steps that there were, or none. A
-            feedback that needs windows of T steps (`whole`) gives none.
         keep: keys of the environment's `info` to tell all the same.
 
     Attributes:
         label_window: most steps of a window; None where that is an episode without a time limit.
 
     Raises:
-        UserError: a key to keep is one of ours.
+        UserError: a key to keep is one of ours; or labels that come late, which an agent's step cannot wait for.
 
     Example:
         >>> env = DelayedReward(gymnasium.make("Pendulum-v1"), BlockSum(window=20, noise=0.0))
@@ -53,18 +52,26 @@ class DelayedReward(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs
         env: gymnasium.Env[Any, Any],
         feedback: Feedback,
         seed: int = 0,
-        cut: Cut = "label",
         keep: Sequence[str] = (),
     ) -> None:
         if own := sorted({*keep} & {*OWN}):
             raise UserError(f"keep={list(keep)}: {own} are told by DelayedReward itself; leave them out")
-        RecordConstructorArgs.__init__(self, feedback=feedback, seed=seed, cut=cut, keep=keep)
+        RecordConstructorArgs.__init__(self, feedback=feedback, seed=seed, keep=keep)
         gymnasium.Wrapper.__init__(self, env)
-        self._feedback, self._cut, self._keep = copy.deepcopy(feedback), cut, tuple(keep)
+        if feedback.delay or feedback.delay_windows:
+            raise UserError(
+                f"feedback.delay={feedback.delay}, delay_windows={feedback.delay_windows}: here a label comes with the "
+                "last step of its window; set both to 0, or train by credit, which waits"
+            )
+        self._feedback, self._keep = copy.deepcopy(feedback), tuple(keep)
         self.label_window: int | None = feedback.window or (env.spec.max_episode_steps if env.spec else None)
         spaces = env.observation_space, env.action_space
         whole = feedback.window is None
-        self._feedback.start(Problem(*spaces, self.label_window or 1, (seed,), torch.device("cpu"), whole))
+        problem = Problem(*spaces, self.label_window or 1, (seed,), torch.device("cpu"), whole)
+        self._feedback.start(problem)
+        self._missing, self._drawn = (
+            Queues(problem, f"feedback, {what}", "uniform", 1) for what in ("missing", "window")
+        )
         self._rewards: list[float] = []  # of the window that is open
         self._fact: str | None = None  # the key of `info` that the feedback is shown
         self._asked = False  # whether the environment was seen to tell it
@@ -72,7 +79,7 @@ class DelayedReward(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """A new episode, and a new window; one that was open has no label."""
         observation, told = self.env.reset(seed=seed, options=options)
-        self._rewards = []
+        self._begin()
         return observation, self._told(told)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -83,12 +90,12 @@ class DelayedReward(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs
         """
         observation, reward, terminated, truncated, told = self.env.step(action)
         self._rewards.append(self._seen(reward, told))
-        over, full = bool(terminated or truncated), len(self._rewards) == self._feedback.window
+        over, full = bool(terminated or truncated), len(self._rewards) == self._length
         info: dict[str, Any] = {**self._told(told), "window_end": full or over, "censored": False}
         label = None
         if full or over:
             label = self._label(full)
-            self._rewards = []
+            self._begin()
             info |= {"censored": True} if label is None else {"label": label}
         return observation, label or 0.0, terminated, truncated, info
 
@@ -106,13 +113,24 @@ class DelayedReward(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs
     def _told(self, told: dict[str, Any]) -> dict[str, Any]:
         return {name: told[name] for name in self._keep if name in told}
 
+    def _begin(self) -> None:
+        """Another window."""
+        self._rewards, self._length = [], self._feedback.window
+        if self._feedback.lengths is not None:
+            least, most = self._feedback.lengths
+            self._length = least + int(self._uniform(self._drawn) * (most - least + 1))
+
     def _label(self, full: bool) -> float | None:
         """Y of the window that ends; None where it has none."""
-        cut_short = self._feedback.window is not None and not full
-        if cut_short and (self._cut == "drop" or self._feedback.whole):
-            return None
+        short = self._length is not None and not full
         rewards = torch.tensor(self._rewards, dtype=FLOAT)
         if not self._feedback.whole and self.label_window is not None:  # as the collector has it
             rewards = torch.nn.functional.pad(rewards, (0, max(self.label_window - len(rewards), 0)))
-        label = float(self._feedback(rewards.view(1, 1, -1)))
-        return label if math.isfinite(label) else None
+        label = float(self._feedback.label(rewards.view(1, 1, -1), torch.tensor([[len(self._rewards)]])))
+        missing = self._feedback.missing > 0 and self._uniform(self._missing) < self._feedback.missing
+        dropped = short and (self._feedback.cut == "drop" or self._feedback.whole)
+        return label if math.isfinite(label) and not missing and not dropped else None
+
+    @staticmethod
+    def _uniform(queue: Queues) -> float:
+        return float(queue.take(torch.ones(1, 1, dtype=torch.bool)))

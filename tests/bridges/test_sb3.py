@@ -18,7 +18,7 @@ from credit.core.steps import Steps
 from credit.core.store import Store
 from credit.core.windows import Windows
 from credit.envs import DelayedReward
-from credit.envs.feedback import BlockSum, Terminal
+from credit.envs.feedback import BlockSum
 from credit.recovery.features.motion import Motion
 from credit.recovery.features.tabular import Identity
 from credit.recovery.models.linear import LinearModel

@@ -6,6 +6,7 @@ import copy
 import subprocess
 import sys
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any, ClassVar
 
 import gymnasium
@@ -83,18 +84,18 @@ def ended(label: float) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("feedback", "keys", "last"),
+    ("feedback", "last"),
     [
-        (BlockSum(3, 0.0), {}, {2: 6.0, 5: 15.0, 6: 7.0, 9: 6.0}),
-        (BlockSum(3, 0.0), {"cut": "drop"}, {2: 6.0, 5: 15.0, 6: None, 9: 6.0}),
-        (Terminal(3), {}, {2: 3.0, 5: 6.0, 6: None, 9: 3.0}),
-        (Success(3), {}, {2: 0.0, 5: 1.0, 6: 0.0, 9: 0.0}),  # what the environment says, though rewards are positive
-        (Sum(), {}, {6: 28.0}),
-        (Sum(least=30.0), {}, {6: None}),
+        (BlockSum(3, 0.0), {2: 6.0, 5: 15.0, 6: 7.0, 9: 6.0}),
+        (BlockSum(3, 0.0, cut="drop"), {2: 6.0, 5: 15.0, 6: None, 9: 6.0}),
+        (Terminal(3), {2: 3.0, 5: 6.0, 6: 7.0, 9: 3.0}),
+        (Success(3), {2: 0.0, 5: 1.0, 6: 0.0, 9: 0.0}),  # what the environment says, though rewards are positive
+        (Sum(), {6: 28.0}),
+        (Sum(least=30.0), {6: None}),
     ],
 )
-def test_labels_stand_where_windows_end(feedback: Feedback, keys: Any, last: dict[int, float | None]) -> None:
-    found = told(DelayedReward(Rising(), feedback, **keys), 10)
+def test_labels_stand_where_windows_end(feedback: Feedback, last: dict[int, float | None]) -> None:
+    found = told(DelayedReward(Rising(), feedback), 10)
     for step, (reward, info) in enumerate(found):
         label = last.get(step)
         assert reward == (label or 0.0)
@@ -170,7 +171,7 @@ def test_another_reward_with_the_same_labels_tells_the_same() -> None:
             return float(reward) + (1, -2, 1)[int(reward - 1) % 3]
 
     def lived(env: gymnasium.Env[Any, Any]) -> Any:
-        return told(DelayedReward(env, BlockSum(3, 0.2), cut="drop"), 20)
+        return told(DelayedReward(env, BlockSum(3, 0.2, cut="drop")), 20)
 
     assert lived(Shifted(Rising(30))) == lived(Rising(30))
 
@@ -218,3 +219,16 @@ def test_it_can_be_copied_in_mid_window() -> None:
     other = copy.deepcopy(env)
     found: Sequence[Any] = [one.step(0)[1] for one in (env, other)]
     assert found[0] == found[1] != 0
+
+
+def test_what_is_missing_has_no_label_and_lengths_are_drawn() -> None:
+    found = [info for _, info in told(DelayedReward(Rising(), BlockSum([2, 3], 0.0, missing=0.5), seed=4), 300)]
+    ends = [step for step, info in enumerate(found) if info["window_end"]]
+    gaps = {b - a for a, b in pairwise(ends)}
+    assert gaps == {1, 2, 3}  # 1 at an episode's end
+    assert 0.3 < sum(info["censored"] for info in found) / len(ends) < 0.7
+
+
+def test_labels_that_come_late_are_refused() -> None:
+    with pytest.raises(UserError, match="a label comes with the last step of its window"):
+        DelayedReward(Rising(), BlockSum(3, delay=2))
