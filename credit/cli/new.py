@@ -83,11 +83,11 @@ def read(argv: list[str]) -> tuple[str, str, Path]:
             break
     if unknown := [word for word in words if word.startswith("-")]:
         raise UserError(f"{unknown[0]!r} is no option here; {nearest(unknown[0], ['--into', '--help'])}")
-    if words[0] not in TRY:
+    if words and words[0] not in TRY:
         raise UserError(f"{words[0]!r} is no kind that can be written; {nearest(words[0], TRY)}")
     if len(words) != 2:
         given = " ".join(words)
-        raise UserError(f"{given!r}: a kind and a name, and nothing else; {USAGE}")
+        raise UserError(f"{given!r}: give a kind and a name, and nothing else; {USAGE}")
     kind, name = words
     if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or keyword.iskeyword(name):
         raise UserError(

@@ -27,7 +27,7 @@ def weighs(part: Mixer, models: int) -> None:
     random = torch.rand(2, models, 30, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
     sizes = {"random": random, "zero": torch.zeros_like(random), "tiny": random * 1e-30, "huge": random * 1e30}
     for name, mse in sizes.items():
-        what = f"the weights of {models} models with {name} proxies"
+        what = f"weights of M = {models} with {name} proxies"
         before = mse.clone()
         weights = part.weights(mse, torch.eye(models, dtype=torch.float64).repeat(2, 1, 1))
         shaped(weights, mse.shape, what)
