@@ -18,13 +18,14 @@ def expect(right: object, what: str) -> None:
         raise AssertionError(what)
 
 
-def close(found: Tensor, wanted: Tensor, what: str) -> None:
-    """Nothing, where two tensors are equal to rounding.
+def close(found: Tensor, wanted: Tensor, what: str, by: float | None = None) -> None:
+    """Nothing, where two tensors are equal to rounding, or differ by less than `by`.
 
     Raises:
         AssertionError: they are not; with what was promised, and how far they are apart.
     """
-    torch.testing.assert_close(found, wanted, msg=lambda said: f"{what}: {said}")
+    relative = None if by is None else 0.0
+    torch.testing.assert_close(found, wanted, rtol=relative, atol=by, msg=lambda said: f"{what}: {said}")
 
 
 def finite(value: Tensor, what: str) -> None:

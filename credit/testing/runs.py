@@ -18,6 +18,7 @@ from credit.trainer import Trainer
 
 Rows = list[tuple[int, dict[str, torch.Tensor]]]
 STATE = "make every attribute that changes in `start`, and name it in `keeps` where the class has one"
+ROUNDED = 1e-3  # of the largest number: how far a replica beside others may be from what it is alone
 STREAMS = "draw random numbers from a Stream or from generators of credit.core.streams, made in `start`"
 
 
@@ -97,8 +98,9 @@ def alone(case: Case) -> None:
         trainer.steps = 2 * trainer.windows_per_round * trainer.problem.window
         played(trainer)
     both, one = beside.store.windows, single.store.windows
-    rows = len(one)
-    for name in ("states", "actions", "labels"):
-        found = getattr(both, name)[:1, : rows if name != "labels" else None]
+    pairs = {name: (getattr(both, name), getattr(one, name)) for name in ("states", "actions", "labels")}
+    pairs["pseudo-rewards"] = (beside.assigner.rewards(both), single.assigner.rewards(one))
+    for name, (found, wanted) in pairs.items():
         why = f"a replica's {name} depend on who is beside it: random numbers, or sums over replicas; {STREAMS}"
-        close(found, getattr(one, name), why)
+        size = float(wanted.abs().max()) or 1.0
+        close(found[:1, : wanted.shape[1]] / size, wanted / size, why, ROUNDED)

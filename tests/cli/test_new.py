@@ -87,7 +87,7 @@ def test_what_it_writes_keeps_all_promises(credit: Credit, announced: Path, kind
 
 @pytest.mark.slow
 def test_what_it_writes_runs_from_outside(credit: Credit, folder: Path) -> None:
-    """All kinds in one package: its tests as pytest finds them, and a run with each."""
+    """All kinds in one package: its tests as pytest finds them, and runs with some."""
     for kind in TRY:
         assert credit("new", kind, f"my_{kind}", "--into", "mine").code == 0
     facts = folder / "site" / "mine-0.1.dist-info"
@@ -109,8 +109,8 @@ def test_what_it_writes_runs_from_outside(credit: Credit, folder: Path) -> None:
         assert done.returncode == 0, done.stdout + done.stderr
 
     run("pytest", "-p", "no:cacheprovider")
-    for kind, words in TRY.items():
-        typed = shlex.split(words.replace("$name", f"my_{kind}"))
+    for kind in ("env", "reward", "agent"):
+        typed = shlex.split(TRY[kind].replace("$name", f"my_{kind}"))
         run("credit.cli.main", "train", *typed, "replicas=1", "trainer.steps=70", "tracking=none")
 
 
