@@ -38,6 +38,30 @@ def environment(case: Case) -> None:
     grid = env.grid()
     expect(grid is None or len(grid.states) == len(grid.actions), "grid() has not as many states as actions")
     expect(isinstance(env.picture(1), dict), "picture() must be a dict")
+    stays(env.twin(), problem)
+
+
+def stays(env: Environment, problem: Problem) -> None:
+    """A copy that is not in the mask stays where it is, while others act and begin anew.
+
+    Args:
+        env: to be started. problem: of its sizes.
+    """
+    env.start(problem, 2, "copies side by side")
+    random = Random()
+    random.start(problem)
+    before = env.reset().clone()
+    first = torch.tensor([[True, False]] * problem.replicas, device=problem.device)
+    for step in range(3):
+        out = env.step(random.act(before, torch.full((problem.replicas, 2), step)), first)
+        ended = [over for over in (out.terminated, out.truncated) if over is not None]
+        if any(over.any() for over in ended):
+            break
+    after = env.reset(first)
+    expect(
+        torch.equal(after[:, 1], before[:, 1]),
+        "a copy that is not in the mask of step and reset does not stay as it is",
+    )
 
 
 def whole(windows: Windows, primitive: torch.Tensor, problem: Problem) -> None:
