@@ -19,6 +19,7 @@ from credit.core.knowledge import inform
 from credit.core.problem import FLOAT, Problem
 from credit.core.store import Store
 from credit.envs.collect import Collector
+from credit.rounds import problem_of
 from credit.runs import job
 from credit.testing.short import SEEDS, composed, experiments, selection, small
 from credit.trainer import Trainer
@@ -81,7 +82,7 @@ class Case:
 def experienced(config: Mapping[str, Any]) -> tuple[Problem, Store, Any]:
     """The problem of a configuration with two replicas, windows of random actions in it, and what is known of it."""
     env, feedback, random = schema.build(config, "env"), schema.build(config, "feedback"), Random()
-    problem = replace(env.problem(feedback.window, SEEDS, "cpu"), labels=feedback.kind)
+    problem = problem_of(env, feedback, SEEDS, "cpu", rolling=False)
     for part in (env, feedback, random):
         part.start(problem)
     windows, primitive = Collector(env, feedback, problem).collect(random, 15 if problem.tabular else 4)

@@ -24,6 +24,7 @@ from credit.testing.expect import expect
 from credit.testing.short import SEEDS
 from credit.trainer import Trainer
 
+SAID = ("observations", "actions", "setting")  # what a component says of the problems that it takes
 MOVES = ("sum", "last", "success")  # objectives whose labels survive a move of the rewards
 
 
@@ -40,7 +41,7 @@ class Moved(Environment):
 
     def __init__(self, env: Environment, objective: str, amount: float) -> None:
         self.env, self.objective, self.amount = env, objective, amount
-        for name in ("copies", "ends_early", "evaluation_episodes", "observations", "actions", "setting"):
+        for name in ("copies", "ends_early", "rolls", "horizon", "evaluation_episodes", *SAID):
             setattr(self, name, getattr(env, name))
 
     def problem(self, window: int, seeds: tuple[int, ...], device: torch.device | str) -> Problem:

@@ -24,7 +24,8 @@ LONGEST = 40  # steps of a window
 @cache
 def experiments() -> tuple[str, ...]:
     """The experiments that have an environment of their own and are not others with another recipe."""
-    return tuple(name for name in sorted(files.options("experiment")) if name != "generic" and name[-6:] != "_paper")
+    found = sorted(files.options("experiment"))
+    return tuple(name for name in found if not (name.startswith("generic") or name.endswith("_paper")))
 
 
 @cache
@@ -49,8 +50,8 @@ def small(config: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def window_of(config: Mapping[str, Any]) -> int:
-    """T, most steps of a window, as its feedback has it."""
-    return int(schema.build(config, "feedback").window)
+    """T, most steps of a window: of the feedback, or of a whole episode."""
+    return int(schema.build(config, "feedback").window or schema.build(config, "env").horizon or 1)
 
 
 def _less(node: Any) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +66,7 @@ def is_documented(kind: str, name: str) -> None:
     """Every parameter has words in the docstring of its class."""
     for cls in classes(kind, name):
         for parameter in signatures.signature(cls):
-            said = f"{parameter}:" in (cls.__doc__ or "")
+            said = re.search(rf"\b{parameter}(, \w+)*:", cls.__doc__ or "")  # alone, or among others
             expect(said, f"{cls.__name__}: its docstring says nothing of {parameter} (`Args:` and `{parameter}: …`)")
 
 
