@@ -26,16 +26,21 @@ from credit.trainer import Trainer
 
 SLOTS = {"reward": "reference", "features": "reference"}  # of kinds that have none of their own name
 RIDGE = "reward@reference=linear"  # a reference of whatever features
+EPISODES = ("feedback=episode_sum", "feedback.window=null")  # where they have a length of their own
 WAYS: dict[str, tuple[tuple[str, ...], ...]] = {  # what an option may need around it, beside its experiment
     "env": (
         ("method=disagreement",),
         ("method=reference",),
-        ("method=delayed",),
-        ("method=random",),
-        ("method=random", "feedback=block_sum"),
+        ("method=reference", *EPISODES),
+        ("method=reference", *EPISODES, "agent.prefer=top"),
+        ("method=delayed", "agent=dqn"),
+        ("method=delayed", "agent=dqn", *EPISODES),
     ),
     "feedback": (("method=disagreement",), ("method=disagreement", "agent.prefer=top"), ("method=random",)),
     "agent": (("method=disagreement",), ("method=reference",), ("method=delayed",)),
+}
+LAST: dict[str, tuple[tuple[str, ...], ...]] = {  # what is better than nothing
+    "env": (("method=random",), ("method=random", *EPISODES)),
 }
 OTHERS = (("method=disagreement",), ("method=reference",), ("method=reference", RIDGE))
 WORLDS = ("env", "feedback")  # kinds that decide what happens
@@ -121,21 +126,25 @@ def of_node(kind: str, name: str, node: Mapping[str, Any]) -> Iterator[Case | st
 
 
 def _cases(kind: str, name: str, config_of: Callable[[str, tuple[str, ...]], dict[str, Any]]) -> Iterator[Case | str]:
-    for experiment in experiments():
-        said: list[str] = []
-        for way in WAYS.get(kind, OTHERS):
-            try:
-                config = config_of(experiment, way)
-            except UserError as error:  # there is nothing where a word of the way would go
-                said.append(str(error))
-                continue
-            found, used = misfits(config)
-            if not found and SLOTS.get(kind, kind) in used:
-                yield Case(kind, name, experiment, config)
-                break
-            said += found
-        else:
-            yield f"{experiment}: {said[-1] if said else 'nothing there asks for it'}"
+    said: dict[str, str] = {}  # experiment → why not, the last that was tried
+    for ways in (WAYS.get(kind, OTHERS), LAST.get(kind, ())):
+        fitting = False
+        for experiment in experiments():
+            for way in ways:
+                try:
+                    config = config_of(experiment, way)
+                except UserError as error:  # there is nothing where a word of the way would go
+                    said[experiment] = str(error)
+                    continue
+                found, used = misfits(config)
+                if not found and SLOTS.get(kind, kind) in used:
+                    fitting = True
+                    yield Case(kind, name, experiment, config)
+                    break
+                said[experiment] = found[-1] if found else "nothing there asks for it"
+        if fitting:
+            return
+    yield from (f"{experiment}: {why}" for experiment, why in said.items())
 
 
 def placed(kind: str, node: Mapping[str, Any], config: Mapping[str, Any]) -> dict[str, Any]:

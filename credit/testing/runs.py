@@ -10,8 +10,9 @@ from typing import Any
 import torch
 
 from credit.config import schema
+from credit.core.problem import Problem
 from credit.runs import checkpoint
-from credit.testing.cases import Case
+from credit.testing.cases import WORLDS, Case
 from credit.testing.expect import close, expect
 from credit.testing.short import SEEDS
 from credit.trainer import Trainer
@@ -93,14 +94,39 @@ def repeats(case: Case) -> None:
 
 def alone(case: Case) -> None:
     """A replica beside others does what it does alone, to rounding, as long as few rounds do not magnify that."""
-    beside, single = started(case.config, SEEDS), started(case.config, SEEDS[:1])
-    for trainer in (beside, single):
-        trainer.steps = 2 * trainer.windows_per_round * trainer.problem.window
-        played(trainer)
-    both, one = beside.store.windows, single.store.windows
-    pairs = {name: (getattr(both, name), getattr(one, name)) for name in ("states", "actions", "labels")}
-    pairs["pseudo-rewards"] = (beside.assigner.rewards(both), single.assigner.rewards(one))
-    for name, (found, wanted) in pairs.items():
+    beside, single = (_told(case, seeds) for seeds in (SEEDS, SEEDS[:1]))
+    for name, wanted in single.items():
         why = f"a replica's {name} depend on who is beside it: random numbers, or sums over replicas; {STREAMS}"
         size = float(wanted.abs().max()) or 1.0
-        close(found[:1, : wanted.shape[1]] / size, wanted / size, why, ROUNDED)
+        close(beside[name][:1, : wanted.shape[1]] / size, wanted / size, why, ROUNDED)
+
+
+def _told(case: Case, seeds: tuple[int, ...]) -> dict[str, torch.Tensor]:
+    """What two rounds come to; of those who decide what happens, under actions that are the same whatever happens."""
+    trainer = started(case.config, seeds)
+    if case.kind in WORLDS:
+        windows, rewards = trainer.collector.collect(Steady(trainer.problem), 3)
+    else:
+        trainer.steps = 2 * trainer.windows_per_round * trainer.problem.window
+        played(trainer)
+        windows = trainer.store.windows
+        rewards = trainer.assigner.rewards(windows)
+    found = {name: getattr(windows, name) for name in ("states", "actions", "labels")}
+    return found | {"rewards": rewards}
+
+
+class Steady:
+    """Acts by the step alone, the same in all copies.
+
+    Args:
+        problem: whose actions.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+
+    def act(self, states: torch.Tensor, step: torch.Tensor) -> torch.Tensor:
+        """One action after the other [R, K], or a vector that swings [R, K, A]."""
+        if self._problem.finite_actions:
+            return step % self._problem.actions
+        return step.float().cos().unsqueeze(-1).expand(*step.shape, self._problem.actions)

@@ -12,9 +12,11 @@ from torch import Tensor
 from credit.agents.q_learning import QLearning
 from credit.core.component import Component
 from credit.core.errors import UserError
-from credit.core.seams import FeatureMap, Mixer
+from credit.core.problem import Problem
+from credit.core.seams import Environment, FeatureMap, Mixer, Transitions
 from credit.envs.advertiser.environment import Advertiser
 from credit.envs.feedback import BlockSum
+from credit.envs.gymnasium.environment import Gymnasium
 from credit.planning.counts import Counts
 from credit.recovery.bonuses import Count
 from credit.recovery.features.tabular import Identity
@@ -142,6 +144,47 @@ def test_what_is_right_passes(part: Any) -> None:
 )
 def test_what_is_registered_passes(option: str) -> None:
     check(option)
+
+
+class Walk(Environment):
+    """Three steps to the right lead out, of episodes that may end at any time."""
+
+    def problem(self, window: int, seeds: tuple[int, ...], device: torch.device | str) -> Problem:
+        return Problem.finite(4, 2, window, seeds, device, episodic=True)
+
+    def start(self, problem: Problem, copies: int = 1, purpose: str = "environment") -> None:
+        self._place = torch.zeros(problem.replicas, copies, dtype=torch.int64)
+
+    def reset(self, mask: Tensor | None = None) -> Tensor:
+        self._place = torch.zeros_like(self._place) if mask is None else self._place.masked_fill(mask, 0)
+        return self._place
+
+    def step(self, actions: Tensor, mask: Tensor | None = None) -> Transitions:
+        moved = (self._place + 2 * actions - 1).clamp(0, 3)
+        self._place = moved if mask is None else torch.where(mask, moved, self._place)
+        out = self._place == 3
+        return Transitions(self._place, out.double(), out, torch.zeros_like(out))
+
+
+class Restless(Walk):
+    """Begins anew everywhere, whoever is asked to."""
+
+    def reset(self, mask: Tensor | None = None) -> Tensor:
+        return super().reset()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "env", [Walk, Gymnasium("CartPole-v1"), Gymnasium("FrozenLake-v1")], ids=["walk", "cartpole", "lake"]
+)
+def test_environments_that_are_right_pass(env: Any) -> None:
+    check(env)
+
+
+@pytest.mark.slow
+def test_copies_that_should_stay_are_watched() -> None:
+    with pytest.raises(AssertionError, match="does not stay as it is"):
+        check(Restless)
 
 
 @pytest.mark.parametrize(
