@@ -16,6 +16,7 @@ COMMANDS = {
     "compare": ("[overrides]", "tables, intervals and figures from finished runs"),
     "list": ("[KIND]", "every registered component: name, one line, parameters with their defaults"),
     "check": ("[overrides]", "compose and check a configuration, write nothing"),
+    "new": ("KIND NAME", "a component of your own to start from: class, YAML, test and package"),
     "sync": ("[DIR]", "upload to MLflow what it lacks of earlier sessions"),
     "dashboard": ("", "MLflow's UI on the project's store, on 127.0.0.1"),
     "bench": ("[NAME]", "speed and memory against peers, as ratios within one run"),

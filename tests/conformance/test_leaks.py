@@ -1,100 +1,28 @@
-"""The label is the only bridge: another reward function with the same labels leaves every action the same to the bit.
-
-The other rewards are finite, so that no mask of NaN hides a leak, and they are in all places where a learner could look
-for them: in steps, in demonstrations, and in the environment's own tables.
-"""
+"""The label is the only bridge: other rewards with the same labels leave every action the same to the bit."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import cache
 from itertools import product
 from typing import Any
 
 import pytest
-import torch
 import yaml
 from torch import Tensor
 
 from credit.config import files, kinds, schema
 from credit.core.problem import Problem
-from credit.core.seams import Agent, Environment, Transitions
-from credit.core.truth import Truth
-from credit.core.windows import Windows
+from credit.core.seams import Agent
 from credit.runs import job
+from credit.testing import short
+from credit.testing.leaks import differing, lived
 from credit.trainer import Trainer
 
-from . import short
-from .short import EXPERIMENTS, SEEDS
+from .short import EXPERIMENTS
 
 MAIN = {"block", "delayed", "delayed_fair", "disagreement", "reference"}  # others are their parts in other combinations
-
-
-class Moved(Environment):
-    """An environment with another reward function, whose windows have the same labels.
-
-    Rewards are rounded to multiples of 2⁻²⁰, so that sums of them are exact, and move by `amount` in a way that the
-    label cannot show: by amounts that cancel in each window where it is their sum, in all steps but the last where it
-    is that one, and by a positive factor where it says whether any was positive.
-
-    Args:
-        env: whose steps. objective: of the feedback. amount: 0 for no move.
-    """
-
-    def __init__(self, env: Environment, objective: str, amount: float) -> None:
-        self.env, self.objective, self.amount = env, objective, amount
-        for name in ("copies", "ends_early", "evaluation_episodes", "observations", "actions", "setting"):
-            setattr(self, name, getattr(env, name))
-
-    def problem(self, window: int, seeds: tuple[int, ...], device: torch.device | str) -> Problem:
-        return self.env.problem(window, seeds, device)
-
-    def start(self, problem: Problem, copies: int = 1, purpose: str = "environment") -> None:
-        self.env.start(problem, copies, purpose)
-        self._last, self._t = problem.window - 1, 0
-        self._sum = problem.zeros(copies)
-        if self.amount and hasattr(self.env, "mdp"):
-            mdp = self.env.mdp
-            name = "reward_next" if hasattr(mdp, "reward_next") else "reward"
-            self.env.__dict__["mdp"] = replace(mdp, **{name: -getattr(mdp, name)})
-
-    def twin(self) -> Moved:
-        return Moved(self.env.twin(), self.objective, self.amount)
-
-    def reset(self, mask: Tensor | None = None) -> Tensor:
-        self._t, self._sum = 0, torch.zeros_like(self._sum)
-        return self.env.reset(mask)
-
-    def step(self, actions: Tensor, mask: Tensor | None = None) -> Transitions:
-        out = self.env.step(actions, mask)
-        ends = torch.full_like(self._sum, self._t == self._last, dtype=torch.bool)
-        for over in (out.terminated, out.truncated):
-            ends = ends if over is None else ends | over
-        exact = (out.rewards * 2**20).round() / 2**20
-        self._t = 0 if self._t == self._last else self._t + 1
-        return out._replace(rewards=self._moved(exact, ends))
-
-    def _moved(self, rewards: Tensor, ends: Tensor) -> Tensor:
-        if self.objective == "success":
-            return rewards * (1 + self.amount)
-        if self.objective == "last":
-            return torch.where(ends, rewards, rewards + self.amount)
-        assert self.objective == "sum"
-        by = torch.where(ends, -self._sum, self.amount)
-        self._sum = torch.where(ends, 0.0, self._sum + by)
-        return rewards + by
-
-    def demonstrations(self) -> tuple[Windows, Tensor] | None:
-        found = self.env.demonstrations()
-        return None if found is None else (found[0], found[1] + self.amount)
-
-    def knowledge(self) -> Any:
-        return self.env.knowledge()
-
-    def truth(self, objective: str, window: int) -> Truth | None:
-        return self.env.truth(objective, window)
 
 
 @cache
@@ -139,39 +67,18 @@ def fits(experiment: str, feedback: str, method: str) -> bool:
     return not job.check(composed(experiment, feedback, method)).problems
 
 
-def started(names: tuple[str, str, str], amount: float, prepare: Callable[[Trainer], None] = lambda t: None) -> Trainer:
-    trainer: Trainer = schema.build(composed(*names), "trainer")
-    trainer.env = Moved(trainer.env, trainer.feedback.objective, amount)
-    prepare(trainer)
-    trainer.start(SEEDS)
-    return trainer
-
-
-def lived(names: tuple[str, str, str], amount: float, prepare: Callable[[Trainer], None] = lambda t: None) -> Windows:
-    """All that a run collected and was told."""
-    trainer = started(names, amount, prepare)
-    trainer.run(lambda step, values: None)
-    return trainer.store.windows
-
-
-def differing(one: Windows, other: Windows) -> list[str]:
-    """Names of what is not the same to the bit."""
-    columns = {name: value for name, value in vars(one).items() if isinstance(value, Tensor) and name != "primitive"}
-    assert {"states", "actions", "labels"} <= columns.keys()
-    return [name for name, value in columns.items() if not torch.equal(value, getattr(other, name))]
-
-
 @pytest.mark.parametrize(("experiment", "feedback", "method"), combinations())
 def test_other_rewards_with_the_same_labels_change_nothing(experiment: str, feedback: str, method: str) -> None:
     names = (experiment, feedback, method)
     if not fits(*names):
         pytest.skip("these do not go together")
-    assert differing(lived(names, 0.0), lived(names, 0.5)) == []
+    config = composed(*names)
+    assert differing(lived(config, 0.0), lived(config, 0.5)) == []
 
 
 def test_the_oracle_does_look_at_rewards() -> None:
-    names = ("advertiser", "block_sum", "oracle")
-    found = differing(lived(names, 0.0), lived(names, 0.5))
+    config = composed("advertiser", "block_sum", "oracle")
+    found = differing(lived(config, 0.0), lived(config, 0.5))
     assert "actions" in found
 
 
@@ -207,8 +114,8 @@ def test_a_thief_is_found(look: Callable[[Trainer], Tensor]) -> None:
     def prepare(trainer: Trainer) -> None:
         trainer.agent = Thief(trainer.agent, lambda: look(trainer))
 
-    names = ("advertiser", "block_sum", "disagreement")
-    assert "actions" in differing(lived(names, 0.0, prepare), lived(names, 0.5, prepare))
+    config = composed("advertiser", "block_sum", "disagreement")
+    assert "actions" in differing(lived(config, 0.0, prepare), lived(config, 0.5, prepare))
 
 
 def test_nobody_but_the_trainer_is_given_the_environment() -> None:

@@ -10,9 +10,10 @@ import torch
 
 from credit.config import files, kinds, registry, schema
 from credit.runs import job
+from credit.testing.short import SEEDS, WINDOWS, composed
 from credit.trainer import Trainer
 
-from .short import EVERY, EXPERIMENTS, SEEDS, WINDOWS, composed, options, problems_of
+from .short import EVERY, EXPERIMENTS, options, problems_of
 
 
 @pytest.mark.parametrize("method", options("method"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
@@ -14,18 +14,16 @@ from credit.config import files, kinds, registry, schema
 from credit.core.errors import UserError
 from credit.recovery.bonuses import Count
 from credit.runs import checkpoint, job
-from credit.trainer import Trainer
-
-from . import short
-from .short import SMALL, selection
+from credit.testing import short
+from credit.testing.runs import goes_on
+from credit.testing.short import SMALL, selection
 
 KINDS = [kind for kind in kinds.KINDS if kind != "tracking"]
-EXPERIMENTS = sorted(short.EXPERIMENTS, key="pointmaze".__eq__)  # the quick ones first
+EXPERIMENTS = sorted(short.experiments(), key="pointmaze".__eq__)  # the quick ones first
 QUICK = ("mixer", "bonus")  # of the rest, methods and two tests below stand for most
 ALONE = ["method=reference"]  # where no surrogate has the name of the reference
 ROUNDS = {"windows_per_round": 2, "first_windows": 0, "log_every": 4, "random_windows": 3}
 WINDOWS = 9
-Rows = list[tuple[int, dict[str, torch.Tensor]]]
 
 
 @cache
@@ -71,52 +69,6 @@ def every_component() -> Iterator[Any]:
                 for way in ways
             ]
             yield pytest.param(found, id=f"{kind}={name}", marks=[] if kind in QUICK else pytest.mark.slow)
-
-
-def started(config: Mapping[str, Any], seeds: tuple[int, ...]) -> Trainer:
-    trainer: Trainer = schema.build(config, "trainer")
-    trainer.start(seeds)
-    return trainer
-
-
-def run(trainer: Trainer, folder: Path | None = None) -> Rows:
-    """Run to the end; with a folder, leave a checkpoint there between any two rounds."""
-    rows: Rows = []
-
-    def between() -> None:
-        if folder is not None:
-            checkpoint.save(folder / f"{trainer.rounds}", {"trainer": trainer.state_dict(), "rows": len(rows)})
-
-    trainer.run(lambda step, values: rows.append((step, values)), between=between)
-    return rows
-
-
-def differing(one: Any, other: Any, where: str = "") -> list[str]:
-    """What is not the same to the bit in two states or journals."""
-    if isinstance(one, torch.Tensor) and isinstance(other, torch.Tensor) and one.shape == other.shape:
-        bits = [part.contiguous().numpy().tobytes() for part in (one, other)]
-        return [] if one.dtype == other.dtype and bits[0] == bits[1] else [where]
-    if isinstance(one, Mapping) and isinstance(other, Mapping) and list(one) == list(other):
-        return [found for key in one for found in differing(one[key], other[key], f"{where}.{key}")]
-    if isinstance(one, (list, tuple)) and isinstance(other, (list, tuple)) and len(one) == len(other):
-        pairs = enumerate(zip(one, other, strict=True))
-        return [found for i, pair in pairs for found in differing(*pair, f"{where}.{i}")]
-    return [] if type(one) is type(other) and repr(one) == repr(other) else [where]  # NaN is NaN
-
-
-def goes_on(config: Mapping[str, Any], folder: Path, seeds: tuple[int, ...], which: slice) -> None:
-    """Interrupt a run between any two rounds, or after some of them, and compare what comes of it."""
-    whole = started(config, seeds)
-    rows = run(whole, folder)
-    files = sorted(folder.iterdir(), key=lambda file: int(file.name))
-    assert len(files) >= 2
-    for file in files[which]:
-        state = checkpoint.load(file)
-        trainer = started(config, seeds)
-        trainer.load_state_dict(state["trainer"])
-        assert differing(trainer.state_dict(), state["trainer"]) == [], f"loaded after round {file.name}"
-        assert differing(run(trainer), rows[state["rows"] :]) == [], f"rows after round {file.name}"
-        assert differing(trainer.state_dict(), whole.state_dict()) == [], f"the end, from round {file.name} on"
 
 
 @pytest.mark.parametrize("names", METHODS)
