@@ -193,7 +193,7 @@ def test_the_true_reward_never_reaches_the_buffer() -> None:
     found = []
     for wrap in (lambda env: env, Loud):
         seen: set[float] = set()
-        env = DelayedReward(wrap(Walk()), BlockSum(5, 0.0), cut="drop")
+        env = DelayedReward(wrap(Walk()), BlockSum(5, 0.0, cut="drop"))
         model = agent([env], learning_starts=80)
         model.learn(150, callback=[Watch(), Relabel(recovery(), every=40)])
         assert max(map(abs, seen)) < 100
@@ -214,7 +214,7 @@ def test_labels_of_the_wrapper_are_those_that_are_fitted() -> None:
 @pytest.mark.parametrize(("assigner", "predicts"), [(recovery(), True), (Delayed(), False)])
 def test_rows_without_a_label_get_what_is_predicted(assigner: CreditAssigner, predicts: bool) -> None:
     env = Walk()
-    model, relabel = agent([DelayedReward(env, Terminal(5))]), Relabel(assigner, every=100)
+    model, relabel = agent([DelayedReward(env, BlockSum(5, 0.0, cut="drop"))]), Relabel(assigner, every=100)
     model.learn(200, callback=relabel)
     rows = env.rows[:200]
     for first, end in cut(rows, 5):
