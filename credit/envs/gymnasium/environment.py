@@ -68,7 +68,7 @@ class Gymnasium(Environment):
         workers: NonNegativeInt = 0,
         view: Literal["auto", "number", "vector"] = "auto",
         success: str = "auto",
-        evaluation_episodes: PositiveInt = 20,
+        evaluation_episodes: PositiveInt = 10,
         names: Sequence[str] | None = None,
     ) -> None:
         self.id = id
