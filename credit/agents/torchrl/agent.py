@@ -10,19 +10,19 @@ from annotated_types import Interval
 from torch import Tensor
 
 from credit.agents.torchrl.learner import Learner
+from credit.agents.torchrl.memory import Memory
 from credit.agents.torchrl.networks import Activation, Network, Perceptron
 from credit.agents.torchrl.noise import Noise
 from credit.agents.torchrl.policy import Following
 from credit.agents.torchrl.recipes import recipe
 from credit.agents.torchrl.rounds import judged, minibatches
 from credit.agents.torchrl.rows import drawn, newest, numbers_seen
-from credit.core.errors import RunError
+from credit.core.checks import check_rewards
 from credit.core.policy import Policy
 from credit.core.problem import FLOAT, Problem
 from credit.core.ranges import NonNegative, Positive, PositiveInt, Probability
 from credit.core.seams import Agent, CreditAssigner
 from credit.core.store import Store
-from credit.data.replay import Replay
 
 BLOCK = 32  # batches drawn at once
 
@@ -110,11 +110,7 @@ class TorchRL(Agent):
         network = self.network or Perceptron(self.hidden, self.activation)
         self._learners = [Learner(self._recipe, self._head, self, network, problem, seed) for seed in problem.seeds]
         self._noise = Noise(problem, "torchrl/exploration", self._head.noise, self._head.width)
-        self._replay = (
-            None
-            if self._recipe.newest
-            else Replay(problem, self.n_step, self.discount, capacity=self.capacity, purpose="torchrl/replay")
-        )
+        self._replay = None if self._recipe.newest else Memory(problem, self.n_step, self.discount, self.capacity)
         self._rounds, self._acted = 0, False
         unknown = torch.full((problem.replicas,), torch.nan, dtype=FLOAT, device=problem.device)
         self._told = {name: unknown.clone() for name in self._recipe.reports}
@@ -136,12 +132,6 @@ class TorchRL(Agent):
             self._replay.update(store, assigner)
             self._learn_replayed(self._replay, store)
         self._rounds += 1
-        if bad := [str(learner.seed) for learner in self._learners if not learner.finite]:
-            raise RunError(
-                f"agent.loss={self.loss}: a weight of seed {', '.join(bad)} is not finite after "
-                f"{max(learner.updates for learner in self._learners)} updates; are the rewards finite? else try a "
-                f"smaller agent.learning_rate than {self.learning_rate}"
-            )
 
     def policies(self) -> dict[str, Policy]:
         """The best actions, by the actors as they are."""
@@ -163,16 +153,19 @@ class TorchRL(Agent):
         self._acted = False
         if not acted or not len(windows):
             return
-        every = newest(windows, assigner.rewards(windows), self._problem)
+        rewards = assigner.rewards(windows)
+        check_rewards(windows, rewards, self._problem)
+        every = newest(windows, rewards, self._problem)
         for replica, (learner, data) in enumerate(zip(self._learners, every, strict=True)):
             if len(data):
                 with learner.random("round", self._rounds):
                     self._note(replica, learner.fit(minibatches(judged(learner.loss, data), self.batch, self.epochs)))
 
-    def _learn_replayed(self, replay: Replay, store: Store) -> None:
+    def _learn_replayed(self, replay: Memory, store: Store) -> None:
         windows = store.new
         steps = [len(windows)] * len(self._learners) if windows.count is None else windows.count.tolist()
         wanted = [max(1, round(self.updates_per_step * count)) if count else 0 for count in steps]
+        replay.begin(self._rounds)
         for block, done in enumerate(range(0, max(wanted), BLOCK)):
             batches = replay.sample(self.batch, min(BLOCK, max(wanted) - done))
             for replica, learner in enumerate(self._learners):

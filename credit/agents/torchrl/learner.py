@@ -16,6 +16,7 @@ from credit.agents.torchrl.networks import Network
 from credit.agents.torchrl.recipes import Recipe
 from credit.agents.torchrl.rows import numbers_seen
 from credit.agents.torchrl.seeding import seeded
+from credit.core.errors import RunError
 from credit.core.problem import FLOAT, Problem
 from credit.core.state import Stateful
 from credit.core.streams import reset_seed
@@ -65,27 +66,45 @@ class Learner(Stateful):
         return values
 
     def fit(self, batches: Iterable[TensorDict]) -> dict[str, Tensor]:
-        """A gradient step on each; what the last one that moved the actor came to, each []."""
+        """A gradient step on each batch.
+
+        Returns:
+            What the last one that moved the actor came to, each []; nothing where none did.
+
+        Raises:
+            RunError: a weight is not finite.
+        """
         told = dict[str, Tensor]()
-        for data in batches:
-            self.updates += 1
-            due = self.updates % self._agent.policy_delay == 0
-            if due:
-                terms = self.loss(data)
-                told = {name: terms[key].detach().to(FLOAT).mean() for name, key in self._recipe.reports.items()}
-                total = sum(value for key, value in terms.items() if key.startswith("loss_"))
-            else:
-                total, _ = getattr(self.loss, self._recipe.critic)(data)
-            self._adam.zero_grad()
-            total.backward()
-            if self._agent.gradient_clip is not None:
-                nn.utils.clip_grad_norm_(self.loss.parameters(), self._agent.gradient_clip)
-            self._adam.step()
-            if due and self._targets is not None:
-                self._targets.step()
+        try:
+            for data in batches:
+                told = self._step(data) or told
+        except (RuntimeError, ValueError):  # distributions refuse what is not finite, in words of their own
+            self._require_finite()
+            raise
+        self._require_finite()
         return told
 
-    @property
-    def finite(self) -> bool:
-        """Whether all weights are."""
-        return all(bool(weight.isfinite().all()) for weight in self.loss.parameters())
+    def _step(self, data: TensorDict) -> dict[str, Tensor]:
+        self.updates += 1
+        told = dict[str, Tensor]()
+        if due := self.updates % self._agent.policy_delay == 0:
+            terms = self.loss(data)
+            told = {name: terms[key].detach().to(FLOAT).mean() for name, key in self._recipe.reports.items()}
+            total = sum(value for key, value in terms.items() if key.startswith("loss_"))
+        else:
+            total, _ = getattr(self.loss, self._recipe.critic)(data)
+        self._adam.zero_grad()
+        total.backward()
+        if self._agent.gradient_clip is not None:
+            nn.utils.clip_grad_norm_(self.loss.parameters(), self._agent.gradient_clip)
+        self._adam.step()
+        if due and self._targets is not None:
+            self._targets.step()
+        return told
+
+    def _require_finite(self) -> None:
+        if not all(bool(weight.isfinite().all()) for weight in self.loss.parameters()):
+            raise RunError(
+                f"agent.loss={self._agent.loss}: a weight of seed {self.seed} is not finite after {self.updates} "
+                f"updates; are the rewards finite? else try an agent.learning_rate below {self._agent.learning_rate}"
+            )

@@ -32,8 +32,8 @@ def seen(problem: Problem, which: Tensor) -> Tensor:
 
 
 def best(problem: Problem, which: Tensor) -> Tensor:
-    """The best action in each state: the other number, or minus half of the state's sign."""
-    return 1 - which if problem.finite_actions else -0.5 * SIDES[which]
+    """The best action in each state: the other number, or .9 against the state's sign."""
+    return 1 - which if problem.finite_actions else -0.9 * SIDES[which]
 
 
 def played(agent: Agent, problem: Problem, copies: int = 32) -> Windows:

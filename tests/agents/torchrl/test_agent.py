@@ -20,10 +20,11 @@ from credit.runs.checkpoint import only_data
 
 from .bandits import bandit, best, go_on, lived, played, seen, weights
 
-QUICK: dict[str, Any] = {"hidden": (16,), "batch": 16, "learning_rate": 0.02, "activation": "relu"}
-PPO: dict[str, Any] = QUICK | {"loss": "ppo", "epochs": 4}
-TD3: dict[str, Any] = QUICK | {"loss": "td3", "updates_per_step": 0.5, "policy_delay": 2, "tau": 0.05, "noise": 0.3}
-SAC: dict[str, Any] = QUICK | {"loss": "discrete_sac", "updates_per_step": 0.5, "target_entropy": 0.2}
+QUICK: dict[str, Any] = {"hidden": (16,), "batch": 32, "activation": "relu", "learning_rate": 0.03}
+PPO: dict[str, Any] = QUICK | {"loss": "ppo", "epochs": 4, "entropy": 0.0}
+TD3: dict[str, Any] = QUICK | {"loss": "td3", "updates_per_step": 0.4, "policy_delay": 2, "noise": 0.5}
+TD3 |= {"learning_rate": 0.02}
+SAC: dict[str, Any] = QUICK | {"loss": "discrete_sac", "updates_per_step": 0.25, "target_entropy": 0.2}
 EACH = [
     pytest.param(PPO, "finite", id="ppo, numbers"),
     pytest.param(PPO, "vector", id="ppo, vectors"),
@@ -37,10 +38,10 @@ each = pytest.mark.parametrize(("keys", "actions"), EACH)
 @pytest.mark.parametrize("states", ["finite", "vector"])
 def test_it_finds_the_best_action(keys: dict[str, Any], actions: str, states: str) -> None:
     problem = bandit((0,), states, actions)
-    agent, _ = lived(problem, 14, **keys)
+    agent, _ = lived(problem, 8, **keys)
     which = torch.tensor([[0, 1]])
     chosen = agent.policies()["behaviour"].act(seen(problem, which), torch.zeros_like(which))
-    torch.testing.assert_close(chosen, best(problem, which), atol=0.15, rtol=0)
+    torch.testing.assert_close(chosen, best(problem, which), atol=0.2, rtol=0)
     told = agent.diagnostics()
     assert all(value.shape == (1,) and value.isfinite().all() for value in told.values()), told
     chances = agent.executed().probabilities(seen(problem, which[0]), 0)
@@ -58,9 +59,9 @@ def test_it_finds_the_best_action(keys: dict[str, Any], actions: str, states: st
 
 @each
 def test_a_replica_alone_does_as_in_a_batch(keys: dict[str, Any], actions: str) -> None:
-    together, _ = lived(bandit((5, 6, 7), actions=actions), 2, **keys)
+    together, _ = lived(bandit((5, 6, 7), actions=actions), 2, 16, **keys)
     for replica, seed in enumerate((5, 6, 7)):
-        alone, _ = lived(bandit((seed,), actions=actions), 2, **keys)
+        alone, _ = lived(bandit((seed,), actions=actions), 2, 16, **keys)
         for mine, theirs in zip(weights(alone, 0), weights(together, replica), strict=True):
             torch.testing.assert_close(mine, theirs, rtol=0, atol=1e-4)
     assert (
@@ -79,7 +80,7 @@ def walks(lengths: list[list[int]]) -> Windows:
     return Windows.of_episodes(every, torch.ones(len(lengths), len(lengths[0]), dtype=FLOAT))
 
 
-@pytest.mark.parametrize(("keys", "updates"), [(PPO, [4, 24]), (TD3, [6, 45])], ids=["ppo", "td3"])
+@pytest.mark.parametrize(("keys", "updates"), [(PPO, [4, 12]), (TD3, [5, 36])], ids=["ppo", "td3"])
 def test_each_replica_learns_from_its_own_steps(keys: dict[str, Any], updates: list[int]) -> None:
     """However many others have: 12 and 90 of them, in the same round."""
     together, alone = (TorchRL(**keys) for _ in range(2))
@@ -87,10 +88,11 @@ def test_each_replica_learns_from_its_own_steps(keys: dict[str, Any], updates: l
         problem = Problem.vectors(1, 1, 90, seeds)
         store = Store(problem)
         agent.start(problem)
-        agent.act(torch.zeros(len(seeds), 1, 1), torch.zeros(len(seeds), 1, dtype=torch.int64))
-        store.append(walks(lengths))
-        agent.improve(store, Delayed())
-    assert [learner.updates for learner in together._learners] == updates
+        for _ in range(2):
+            agent.act(torch.zeros(len(seeds), 1, 1), torch.zeros(len(seeds), 1, dtype=torch.int64))
+            store.append(walks(lengths))
+            agent.improve(store, Delayed())
+    assert [learner.updates for learner in together._learners] == [2 * count for count in updates]
     for mine, theirs in zip(weights(alone, 0), weights(together, 0), strict=True):
         torch.testing.assert_close(mine, theirs, rtol=0, atol=1e-4)
 
@@ -139,7 +141,7 @@ def test_off_policy_losses_learn_from_what_they_did_not_do() -> None:
     past = torch.zeros(2, 5, 1, dtype=torch.int64)
     store.append(Windows.of_grid(past, past, past, torch.ones(2, 5, dtype=FLOAT)))
     agent.improve(store, Delayed())
-    assert [learner.updates for learner in agent._learners] == [2, 2]
+    assert [learner.updates for learner in agent._learners] == [1, 1]
 
 
 @each
