@@ -10,7 +10,8 @@ import torch
 from torch import nn
 
 from credit.agents.torchrl.agent import TorchRL
-from credit.agents.torchrl.networks import Network
+from credit.agents.torchrl.networks import Network, Perceptron
+from credit.config import schema
 from credit.core.errors import RunError, UserError
 from credit.core.problem import FLOAT, Problem
 from credit.core.store import Store
@@ -231,3 +232,13 @@ def test_networks_of_ones_own(keys: dict[str, Any], actions: str) -> None:
     agent, _ = lived(bandit((0,), actions=actions), 1, copies=4, network=Wide(), **keys)
     kinds = [type(part) for part in agent._learners[0]._network]
     assert kinds == [nn.Linear, nn.SiLU, nn.LayerNorm, nn.Linear]
+
+
+def test_a_network_is_named_in_yaml(composed: Callable[..., dict[str, Any]]) -> None:
+    named = ("agent.network._target_=credit.agents.torchrl.networks.Perceptron", "agent.network.hidden=[7]")
+    config = composed("experiment=sepsis", "method=delayed", "agent=ppo", *(f"+{text}" for text in named))
+    network = schema.build(config, "agent").network
+    assert isinstance(network, Perceptron)
+    assert (network.hidden, network.activation) == ((7,), "tanh")
+    with pytest.raises(UserError, match=r"agent\.network\.hiden: unknown key.*did you mean 'hidden'"):
+        composed("experiment=sepsis", "method=delayed", "agent=ppo", f"+{named[0]}", "+agent.network.hiden=[7]")
