@@ -46,7 +46,8 @@ def main(argv: list[str]) -> int:
         print(f"  {path}")
     package = folder if folder.is_absolute() else Path(".") / folder
     words = Template(TRY[kind]).substitute(name=name)
-    print(f"try it\n  cd {package}\n  pip install -e .\n  pytest\n  credit train {words}")
+    lines = ["try it", f"cd {package}", "pip install -e .", "pytest"]
+    print(*lines, f"credit train {words}", sep="\n  ")
     return 0
 
 

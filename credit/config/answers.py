@@ -54,16 +54,20 @@ def of_constructor(
     To Hydra it is a new key, to a user it is one of those that `credit check --explain` lists.
     """
     found = re.search(r"Could not override '([\w.]+)'", str(error))
-    words = [text for text in overrides if found and text.partition("=")[0] == found[1]]
-    if not found or not words:
+    if not found:
         return None
-    path, _, key = found[1].rpartition(".")
-    node: Any = compose([text for text in overrides if text not in words], config_dirs)
+    path = found[1].rpartition(".")[0]
+    keys = {text: text.partition("=")[0].removeprefix(f"{path}.") for text in overrides if text.startswith(f"{path}.")}
+    if not keys:
+        return None
+    node: Any = compose([text for text in overrides if text not in keys], config_dirs)
     for part in path.split("."):
         node = node.get(part) if isinstance(node, dict) else None
-    if not schema.is_component(node) or key not in signatures.signature(schema.resolve(path, node)):
+    if not schema.is_component(node):
         return None
-    return [f"+{text}" if text in words else text for text in overrides]
+    new = signatures.signature(schema.resolve(path, node)).keys() - node.keys()  # all at once: composing takes the time
+    words = {text for text, key in keys.items() if key in new}
+    return [f"+{text}" if text in words else text for text in overrides] if words else None
 
 
 def _unknown_key(key: str, overrides: list[str], config_dirs: Sequence[str], compose: Compose) -> str:

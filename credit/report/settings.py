@@ -23,6 +23,7 @@ from credit.renamed import translated
 # (which decides what `eval/auc` and `eval/final` are means of: such runs are a variant, never averaged with others).
 PROBLEM = ("env", "feedback")
 SCHEDULE = ("windows_per_round", "first_windows", "first_windows_per_round", "random_windows", "log_every")
+SCHEDULE += ("steps_per_round", "random_steps")
 TRAINER = "trainer"
 
 # tuned.window and tuned.noise reach nothing but the feedback

@@ -36,7 +36,7 @@ def pytest_collection_modifyitems(session: pytest.Session, config: pytest.Config
     """Add a test for each component."""
     for package in config.getoption("credit"):
         for kind, path in announced(package):
-            name = f"credit[{kind}/{path.stem}]"
+            name = f"component[{kind}/{path.stem}]"
             items.append(ComponentItem.from_parent(session, name=name, kind=kind, file=path))
 
 

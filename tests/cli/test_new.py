@@ -56,7 +56,7 @@ def test_it_writes_a_package(credit: Credit, folder: Path, kind: str) -> None:
     assert node["_target_"] == "my_own.my_own.MyOwn"
     project = tomllib.loads((folder / "my_own/pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert project["entry-points"] == {"credit.components": {"my_own": "my_own"}}
-    for words in ("cd my_own", "pip install -e .", "pytest", "credit train", "my_own"):
+    for words in ("credit train", "my_own", "cd my_own", "pip install -e .", "pytest"):
         assert words in ended.out
 
 

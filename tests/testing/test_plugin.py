@@ -47,8 +47,8 @@ def package(tmp_path: Path) -> Path:
 def test_every_component_of_a_package_is_tested(package: Path) -> None:
     done = run(package, "--credit=my_mixer", "--ignore=tests")
     assert done.returncode == 1, done.stdout
-    assert "credit[mixer/my_mixer] PASSED" in done.stdout
-    assert "credit[scaler/my_scaler] FAILED" in done.stdout
+    assert "component[mixer/my_mixer] PASSED" in done.stdout
+    assert "component[scaler/my_scaler] FAILED" in done.stdout
     assert "scaler/my_scaler in experiment=" in done.stdout
     assert "two steps changed their order" in done.stdout
     assert "Traceback" not in done.stdout

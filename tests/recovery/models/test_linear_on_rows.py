@@ -109,7 +109,7 @@ def test_more_fits_than_one_are_weighted_ridge(make_walks: MakeWalks) -> None:
     weights = poisson(walks, 2)
     model = LinearModel("box", Motion(), Given(2), 0.3, unit=5.0)
     Experience(problem, model).see(walks, weights)
-    estimate, phi = model.estimate(), Motion()(walks)
+    estimate, phi = model.estimate(), model.features(walks)
     assert estimate.draws is not None
     for replica in range(2):
         x, y = sums_of(walks, phi, replica, 5.0), walks.labels[replica].numpy()
@@ -171,7 +171,7 @@ def test_leverage_and_perturbation_of_steps(make_walks: MakeWalks) -> None:
     problem, walks = make_walks((3,), 12)
     model = LinearModel("box", Motion(), Given(), 0.3, unit=5.0)
     Experience(problem, model).see(walks)
-    x, phi = sums_of(walks, Motion()(walks), 0, 5.0), Motion()(walks)[0].double().numpy() / 5
+    x, phi = sums_of(walks, model.features(walks), 0, 5.0), model.features(walks)[0].double().numpy() / 5
     covariance = phi @ np.linalg.inv(x.T @ x + 0.3 * np.eye(3)) @ phi.T
     units = torch.eye(3, dtype=torch.float64)
     columns = torch.stack([model.perturbation(unit.expand(1, -1))[0] for unit in units], -1).numpy()
