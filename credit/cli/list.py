@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -63,14 +64,20 @@ def wished(kind: str, path: Path, node: Mapping[str, Any], config_dirs: Sequence
     found: dict[str, dict[str, list[str]]] = {}
     if path.parents[1] in {folder.resolve() for folder in files.own_dirs(config_dirs)}:
         return {}  # the user's own files are read as they are
-    for experiment in files.options("experiment", config_dirs):
-        wishes = Layer.of(experiment, "", config_dirs).for_file(f"{kind}/{path.stem}", node)
+    for experiment, layer in _layers(tuple(config_dirs), files.stamp(config_dirs)).items():
+        wishes = layer.for_file(f"{kind}/{path.stem}", node)
         for key, value in {wish.key: wish.value for wish in wishes}.items():
             found.setdefault(key, {}).setdefault(shown(value), []).append(experiment)
     return {
         key: ", ".join(f"{value} in {', '.join(names)}" for value, names in values.items())
         for key, values in found.items()
     }
+
+
+@lru_cache(maxsize=4)
+def _layers(config_dirs: tuple[str, ...], stamp: object) -> dict[str, Layer]:
+    """What each experiment says of others' keys."""
+    return {name: Layer.of(name, "", config_dirs) for name in files.options("experiment", config_dirs)}
 
 
 def shown(value: object) -> str:

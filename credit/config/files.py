@@ -5,7 +5,8 @@ from __future__ import annotations
 import importlib.util
 import re
 from collections.abc import Mapping, Sequence
-from functools import cache
+from copy import deepcopy
+from functools import cache, lru_cache
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
@@ -63,6 +64,12 @@ def read(path: Path) -> dict[str, Any]:
     Raises:
         UserError: it is no YAML, or no mapping.
     """
+    found = path.stat()
+    return deepcopy(_read(path, found.st_mtime_ns, found.st_size))
+
+
+@lru_cache(maxsize=1024)  # a list of all parts reads each file a hundred times
+def _read(path: Path, changed: int, size: int) -> dict[str, Any]:
     try:
         found = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
     except (yaml.YAMLError, UnicodeDecodeError) as error:

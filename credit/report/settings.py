@@ -22,8 +22,10 @@ from credit.renamed import translated
 # The slots that are the problem, and what of the trainer is not: the learner's own schedule, and how often one looks
 # (which decides what `eval/auc` and `eval/final` are means of: such runs are a variant, never averaged with others).
 PROBLEM = ("env", "feedback")
-SCHEDULE = ("windows_per_round", "first_windows", "first_windows_per_round", "random_windows", "log_every")
-SCHEDULE += ("steps_per_round", "random_steps")
+SCHEDULE = (
+    *("windows_per_round", "first_windows", "first_windows_per_round", "random_windows", "log_every"),
+    *("steps_per_round", "random_steps"),
+)
 TRAINER = "trainer"
 
 # tuned.window and tuned.noise reach nothing but the feedback

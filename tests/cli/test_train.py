@@ -148,7 +148,7 @@ def test_check_and_list_and_help_build_nothing(credit, folder):
         "disagreement",
         "elliptical",
         "threshold",
-        "alpha = 0.5   (float > 0; 0.3 in generic_control, generic_discrete, pointmaze, pointmaze_paper, 1.0 in sepsis)",
+        "alpha = 0.5   (float > 0; 0.3 in generic_control, generic_discrete, pointmaze, pointmaze_paper, 1.0 in",
     ):
         assert name in listing
     for words in (
