@@ -158,7 +158,7 @@ class Gymnasium(Environment):
         self._problem, self._purpose, self._shape = problem, purpose, (problem.replicas, copies)
         self._count = problem.replicas * copies
         self._episodes = np.zeros(self._count, dtype=np.int64)  # begun by each copy
-        self._open: list[list[Any]] = [[] for _ in range(self._count)]  # actions of its episode, while that goes on
+        self._open: list[list[Any] | None] = [None] * self._count  # actions of its episode, while that goes on
         self._latest: list[Any] = [None] * self._count
         if (held := vars(self).pop("_copies", None)) is not None:
             held.close()
@@ -186,9 +186,10 @@ class Gymnasium(Environment):
             rewards[n], terminated[n], truncated[n] = float(out.reward), bool(out.terminated), bool(out.truncated)
             if self._reports is not None:
                 success[n] = bool(out.info.get(self._reports, False))
-            self._open[n].append(action)
             if out.terminated or out.truncated:
-                self._open[n] = []
+                self._open[n] = None
+            elif (done := self._open[n]) is not None:
+                done.append(action)
         self._require_finite("reward", rewards)
         if self.success == REWARD:
             success = rewards > 0
@@ -212,7 +213,7 @@ class Gymnasium(Environment):
         replica, k = divmod(copy, self._shape[1])
         return (
             f"seed {self._problem.seeds[replica]}, copy {k} for {self._purpose}, episode {self._episodes[copy]}, step "
-            f"{len(self._open[copy])}"
+            f"{len(self._open[copy] or ())}"
         )
 
     def _which(self, mask: Tensor | None) -> list[int]:
@@ -255,8 +256,9 @@ class Gymnasium(Environment):
 
     def state_dict(self) -> dict[str, Any]:
         """How many episodes each copy has begun, and what it has done in the one that is open."""
-        open_ = [pack(actions, "the open episode") for actions in self._open]
-        latest = [pack(seen, "the last observation") if self._open[n] else None for n, seen in enumerate(self._latest)]
+        open_ = [None if actions is None else pack(actions, "the open episode") for actions in self._open]
+        held = zip(self._open, self._latest, strict=True)
+        latest = [None if actions is None else pack(seen, "the last observation") for actions, seen in held]
         return {"episodes": self._episodes.tolist(), "open": open_, "latest": latest}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
@@ -267,9 +269,10 @@ class Gymnasium(Environment):
         """
         self._episodes = np.asarray(state["episodes"], dtype=np.int64)
         for n, packed in enumerate(state["open"]):
-            actions, self._open[n] = unpack(packed, [], "the open episode"), []
-            if not actions:
+            self._open[n] = None
+            if packed is None:
                 continue
+            actions = unpack(packed, [], "the open episode")
             self._episodes[n] -= 1
             self._begin([n])
             for action in actions:
