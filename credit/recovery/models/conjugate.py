@@ -44,9 +44,15 @@ class Normal:
 
 
 class Design:
-    """X as T column indices a window: X @ v and Xᵀ @ z for v [V, F], z [rows, F]."""
+    """X as T column indices a window: X @ v and Xᵀ @ z for v [V, F], z [rows, F].
 
-    def __init__(self, index: Tensor, columns: int) -> None:
+    Args:
+        index: [rows, T]. columns: V. none: a column that is zero whatever the index says, for windows with fewer
+            steps; v is zero there.
+    """
+
+    def __init__(self, index: Tensor, columns: int, none: int | None = None) -> None:
+        self._none = none
         rows, width = index.shape
         self._sparse: csr_array | None = None
         if index.device.type == "cpu":  # in double precision SciPy is several times faster here than torch
@@ -71,5 +77,9 @@ class Design:
     def transposed(self, vectors: Tensor) -> Tensor:
         """Xᵀ @ z."""
         if self._sparse is not None and vectors.dtype == FLOAT:
-            return torch.from_numpy(self._sparse_transposed @ vectors.numpy())
-        return embedding_bag(self._held, vectors, self._starts, mode="sum")
+            found = torch.from_numpy(self._sparse_transposed @ vectors.numpy())
+        else:
+            found = embedding_bag(self._held, vectors, self._starts, mode="sum")
+        if self._none is not None:
+            found[self._none] = 0
+        return found

@@ -94,9 +94,10 @@ class TableModel(RidgeModel):
         """Add the newest windows and solve; or forget all, and fit all anew from the last solution on.
 
         Raises:
-            RunError: windows have different lengths.
+            RunError: windows have different lengths, and the credit is the last step's.
         """
-        require_equal_lengths(self.name, store.new)
+        if self.credit == "last_step":
+            require_equal_lengths(self.name, store.new)
         weights, anew = self.uncertainty.weights(store)
         if anew:
             for fit in self._fits:
@@ -105,10 +106,20 @@ class TableModel(RidgeModel):
 
     def fit(self, windows: Windows, weights: Tensor) -> None:
         """Add windows with weights [R, k, 1+B] and solve."""
-        cells = windows.grid(self._cells.index(windows))[..., self._first :]
+        cells = self._side_by_side(windows)[..., self._first :]
         for fit, *new in zip(self._fits, cells, weights, windows.labels, strict=True):
             fit.add(*new)
             fit.solve(self.regularization, self.tolerance, self.iterations)
+
+    def _side_by_side(self, windows: Windows) -> Tensor:
+        """The cell of every step of every window [R, k, T]; behind the end of a shorter one, one that is none."""
+        index = self._cells.index(windows)
+        if windows.length is not None:
+            return windows.grid(index)
+        step, lengths = torch.arange(self._problem.window, device=index.device), windows.lengths.unsqueeze(-1)
+        rows = (windows.ends.unsqueeze(-1) - lengths + 1 + step).clamp(0, index.shape[1] - 1)
+        found = index.unsqueeze(1).expand(-1, lengths.shape[1], -1).gather(2, rows)
+        return torch.where(step < lengths, found, self._cells.count)
 
     def looks(self) -> Tensor:
         """All unvisited cells have 0, unless the table tells less apart than other models do."""
@@ -140,9 +151,10 @@ class TableModel(RidgeModel):
 
     def _widths(self, own: Tensor) -> Tensor:
         """The leverage of the table's own cells [R, n]."""
-        widths = self._problem.zeros(self._cells.count) + 1 / self.regularization
+        widths = self._problem.zeros(self._cells.count + 1) + 1 / self.regularization
         for row, fit in zip(widths, self._fits, strict=True):
             row[fit.cells] = 1 / (self.regularization + fit.squares)
+        widths = widths[:, :-1]  # without what is no cell
         counts = self._cells.steps(self._problem.device).times >= self._first  # the reward before is 0 for sure
         return (widths * counts).gather(1, own)
 
@@ -151,7 +163,7 @@ class _Fit(Stateful):
     """The windows of one replica and its 1 + B solutions; small enough to stay in the processor's cache."""
 
     def __init__(self, cells: int, width: int, fits: int, device: torch.device) -> None:
-        self._column = torch.full((cells,), -1, device=device)  # cell → unknown
+        self._column = torch.full((cells + 1,), -1, device=device)  # cell → unknown; the last is none: it stays 0
         self.cells = torch.zeros(0, dtype=torch.int64, device=device)  # unknown → cell
         # a row an unknown: θ, and sums over the windows, XᵀWY and XᵀW1 (close to the diagonal of XᵀWX)
         self._blocks = torch.zeros(3, 256, fits, dtype=FLOAT, device=device)
@@ -180,6 +192,8 @@ class _Fit(Stateful):
         for column in index.T:
             target.index_add_(0, column, weights * labels.unsqueeze(-1))
             visits.index_add_(0, column, weights)
+        if (none := self.none) is not None:
+            target[none] = 0
 
     def state_dict(self) -> dict[str, Any]:
         """Unknowns, sums, and the rows of X."""
@@ -198,6 +212,12 @@ class _Fit(Stateful):
         self._blocks[:, :used], self._squares[:, :used] = blocks, squares
         self._index[:, :rows], self._weights[:, :rows] = index, weights
         self._row = {tuple(window): row for row, window in enumerate(index[0].sort(-1).values.tolist())}
+
+    @property
+    def none(self) -> int | None:
+        """The unknown that stands behind the end of shorter windows, where there are any."""
+        found = int(self._column[-1])
+        return None if found < 0 else found
 
     @property
     def theta(self) -> Tensor:
@@ -235,7 +255,7 @@ class _Fit(Stateful):
         time; a tolerance that single precision cannot reach in one pass takes another.
         """
         theta, target, visits = self._blocks[:, : len(self.cells)]
-        design = Design(self._index[0, : self.rows], len(self.cells))
+        design = Design(self._index[0, : self.rows], len(self.cells), self.none)
         weights = self._weights[0, : self.rows]
         inverse = (visits + regularization).reciprocal_()
         enough = tolerance**2 * (target.square() * inverse).sum(0)

@@ -12,7 +12,7 @@ import torch
 from credit.core.errors import RunError, UserError
 from credit.core.problem import FLOAT, Problem
 from credit.core.steps import Steps
-from credit.core.windows import Windows
+from credit.core.windows import Episode, Windows
 from credit.recovery.features.tabular import Identity
 from credit.recovery.models import table
 from credit.recovery.models.conjugate import Design
@@ -189,8 +189,8 @@ def test_a_replica_is_fitted_alone_as_in_a_batch(make_problem: Make, index: int)
 class Gathering(Design):
     """A design as it is where there is no SciPy: on a GPU."""
 
-    def __init__(self, index: torch.Tensor, columns: int) -> None:
-        super().__init__(index, columns)
+    def __init__(self, index: torch.Tensor, columns: int, none: int | None = None) -> None:
+        super().__init__(index, columns, none)
         self._sparse = None
 
 
@@ -244,6 +244,45 @@ def test_windows_that_may_end_early_are_refused(problem: Problem) -> None:
     timed = replace(problem, episodic=True)
     windows = Windows(*torch.zeros(3, 2, 3).long(), labels=torch.zeros(2, 1), last=torch.full((2, 1), 2))
     windows = replace(windows, step=torch.arange(3).expand(2, 3))
-    for model in (TableModel(Given(1)), LinearModel("last", Identity(), Given(1), credit="last_step")):
+    for model in (
+        TableModel(Given(1), credit="last_step"),
+        LinearModel("last", Identity(), Given(1), credit="last_step"),
+    ):
         with pytest.raises(RunError, match=r"needs windows that all have as many steps"):
             Experience(timed, model).see(windows)
+
+
+@pytest.mark.parametrize("pieces", [(12,), (1, 4, 12)])
+def test_windows_of_different_lengths(problem: Problem, pieces: tuple[int, ...]) -> None:
+    """Against dense ridge on the steps that there were; a window without a label counts nothing."""
+    grid, count = windows_of(problem, 12), 12
+    lengths = torch.tensor([[5, 3, 1, 4, 5, 2, 2, 5, 1, 3, 4, 5], [1, 5, 5, 2, 4, 4, 3, 1, 5, 5, 2, 3]])
+    labelled = torch.ones(2, count, dtype=torch.bool)
+    labelled[0, 3] = labelled[1, 7] = False
+    model = TableModel(Given(0), regularization=0.3, tolerance=1e-10)
+    experience = Experience(problem, model)
+    for before, stop in zip((0, *pieces), pieces, strict=False):
+        own = [
+            [
+                Episode(
+                    *(
+                        column[r, k, : lengths[r, k]]
+                        for column in map(grid.grid, (grid.states, grid.actions, grid.states))
+                    )
+                )
+                for k in range(before, stop)
+            ]
+            for r in range(2)
+        ]
+        piece = Windows.of_episodes(own, grid.labels[:, before:stop])
+        held = labelled[:, before:stop]
+        experience.see(replace(piece, labelled=held), held.double().unsqueeze(-1))
+    found = model.estimate().mean
+    for replica in range(2):
+        pairs = grid.grid(grid.pairs(ACTIONS))[replica]
+        rows = [pairs[k, : lengths[replica, k]].numpy() for k in range(count)]
+        x = np.stack([np.bincount(row, minlength=PAIRS) for row in rows]).astype(float)
+        weight = labelled[replica].double().numpy()
+        theta = np.linalg.solve((x.T * weight) @ x + 0.3 * np.eye(PAIRS), (x.T * weight) @ grid.labels[replica].numpy())
+        np.testing.assert_allclose(found[replica].numpy(), theta, atol=1e-7)
+    assert model.leverage().shape == (2, PAIRS)
