@@ -5,9 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 import torch
-from tensordict import TensorDict
 from torch import Tensor
-from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from credit.agents.sac.learner import Learner
 from credit.agents.sac.networks import encoded
@@ -75,11 +73,7 @@ class SAC(Learner, Agent):  # noqa: D101 - the learner's docstring is its own
         policy = self._policies[name, copies]
         if not self._problem.lockstep and not step.any():
             policy.restart()
-        kind = ExplorationType.RANDOM if name == "exploring" else ExplorationType.DETERMINISTIC
-        flat = encoded(states, self._states).flatten(0, 1)
-        with set_exploration_type(kind):
-            actions: Tensor = policy(TensorDict({"observation": flat}, [len(flat)]))["action"]
-        return actions.unflatten(0, states.shape[:2])
+        return policy.actions(encoded(states, self._states), explore=name == "exploring")
 
 
 class Mean(Policy):

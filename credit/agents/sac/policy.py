@@ -40,15 +40,19 @@ class Policy:
         """Begin another round: the rest of this round's noise is dropped."""
         self._noise = []
 
-    @torch.no_grad()
     def __call__(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Set `action`."""
-        observation = tensordict["observation"]
-        self._tape.input.copy_(observation.view_as(self._tape.input))
+        explore = exploration_type() == ExplorationType.RANDOM
+        return tensordict.set("action", self.actions(tensordict["observation"], explore))
+
+    @torch.no_grad()
+    def actions(self, observation: Tensor, explore: bool) -> Tensor:
+        """Actions [..., A] for observations [..., O] of R·copies, sampled or tanh of the mean."""
+        self._tape.input.copy_(observation.reshape(self._tape.input.shape))
         loc, raw = self._actor.forward(self._tape).chunk(2, -1)
-        if exploration_type() == ExplorationType.RANDOM:
+        if explore:
             loc = torch.addcmul(loc, deviation(raw), self._next())
-        return tensordict.set("action", loc.tanh().view(*observation.shape[:-1], self._actions))
+        return loc.tanh().view(*observation.shape[:-1], self._actions)
 
     def _next(self) -> Tensor:
         if not self._noise:
