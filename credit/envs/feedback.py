@@ -121,17 +121,6 @@ class EpisodeSum(Labels):
 
     objective: ClassVar = "sum"
 
-    def __init__(
-        self,
-        window: Window | None = None,
-        noise: NonNegative = 0.0,
-        missing: Share = 0.0,
-        delay: NonNegativeInt = 0,
-        delay_windows: NonNegativeInt = 0,
-        cut: Cut = "label",
-    ) -> None:
-        super().__init__(window, noise, missing, delay, delay_windows, cut)
-
     def rule(self, rewards: Tensor, lengths: Tensor) -> Tensor:
         """Y = Σ_t r_t."""
         return rewards.sum(-1)
@@ -146,17 +135,6 @@ class Mean(Labels):
     """
 
     objective: ClassVar = "sum"
-
-    def __init__(
-        self,
-        window: Window | None = None,
-        noise: NonNegative = 0.0,
-        missing: Share = 0.0,
-        delay: NonNegativeInt = 0,
-        delay_windows: NonNegativeInt = 0,
-        cut: Cut = "label",
-    ) -> None:
-        super().__init__(window, noise, missing, delay, delay_windows, cut)
 
     def rule(self, rewards: Tensor, lengths: Tensor) -> Tensor:
         """Y = Σ_t r_t / T, of as many steps as there were."""

@@ -139,6 +139,8 @@ class NeuralModel(RewardModel):
         rows = rows.sub_(self._mean[:, None, None]).mul_(self._scale[:, None, None])[self._owner]
         shares, labels = (steps.weights / self._problem.window)[self._owner], self._units.scaled(windows)[self._owner]
         labelled = None if windows.labelled is None else windows.labelled[self._owner]
+        if labelled is not None:  # what has no label is no evidence, and a replica without any has nothing to learn
+            shares = shares * labelled.unsqueeze(-1)
         self._descend(rows, shares, labels, labelled, self.steps if self._fits else self.first_steps)
         self._fits += 1
         self._check()

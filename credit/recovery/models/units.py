@@ -43,9 +43,10 @@ class Units(Stateful):
         count = held.sum(1, keepdim=True).clamp(min=1)
         unit = ((labels - each * lengths).square() * held).sum(1, keepdim=True).div(count).sqrt()
         unit = torch.where(unit > TINY * labels.abs().amax(1, keepdim=True), unit, 1.0).float()
-        far = ~self._known | (unit > FAR * self._unit) | (unit < self._unit / FAR)
+        there = held.any(1, keepdim=True)
+        far = there & (~self._known | (unit > FAR * self._unit) | (unit < self._unit / FAR))
         self._each, self._unit = torch.where(far, each.float(), self._each), torch.where(far, unit, self._unit)
-        self._known = torch.ones_like(self._known)
+        self._known = self._known | there
 
     def scaled(self, windows: Windows) -> Tensor:
         """Y′ [R, K], float32."""

@@ -342,3 +342,38 @@ def test_before_there_are_trajectories(make_walks: MakeWalks) -> None:
     assert (found.variance > 0).any()
     experience.see(walks)  # the first fit, with its own number of steps
     assert made.networks.flat.equal(fitted(problem, walks, uncertainty=Dropout()).networks.flat)
+
+
+def test_a_window_without_a_label_is_no_evidence(make_walks: MakeWalks) -> None:
+    problem, walks = make_walks((4, 5), 12)
+    none = torch.zeros_like(walks.labels, dtype=torch.bool)
+    half = none.clone()
+    half[0, ::2] = True  # replica 1 has no label at all
+    part = replace(walks, labelled=half, labels=torch.where(half, walks.labels, 0))
+    for standardise in (False, True):
+        untouched, made = (started(problem, standardise=standardise) for _ in range(2))
+        made.fit(made.features(part), part)
+        for before, after in zip(untouched.networks.blocks, made.networks.blocks, strict=True):
+            assert torch.equal(before[1], after[1])
+        assert any(
+            not torch.equal(before[0], after[0])
+            for before, after in zip(untouched.networks.blocks, made.networks.blocks, strict=True)
+        )
+    made.fit(made.features(walks), walks)
+    assert made._units._known.all()
+    fewer = fitted(problem, part, steps=1, first_steps=1)
+    every_one = fitted(problem, replace(part, labelled=None), steps=1, first_steps=1)
+    pairs = zip(believed(fewer, walks), believed(every_one, walks), strict=True)
+    for replica, (few, all_) in enumerate(pairs):
+        assert few.variance[replica].mean() > 1.2 * all_.variance[replica].mean()
+
+
+@pytest.mark.parametrize("balance", ["auto", "bits", "quantiles", "none"])
+def test_batches_hold_no_window_without_a_label(balance: Any) -> None:
+    generator = torch.Generator().manual_seed(0)
+    labels = torch.randn(3, 9, generator=generator)
+    labelled = torch.rand(3, 9, generator=generator) < 0.5
+    labelled[:, 0] = True
+    drawn = balanced(torch.where(labelled, labels, 0), torch.rand(3, 40, 6, generator=generator), balance, labelled)
+    for own, known in zip(drawn, labelled, strict=True):
+        assert set(own.flatten().tolist()) == set(known.nonzero().flatten().tolist())
