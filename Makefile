@@ -2,8 +2,9 @@
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.installed
+export PYTHONDONTWRITEBYTECODE =  # tests start many commands, which import a compiled credit as a user's do
 
-.PHONY: demo test test-slow test-processors golden lint format wheel clean
+.PHONY: demo test test-thorough test-slow test-processors golden lint format wheel clean
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
@@ -18,12 +19,16 @@ demo: $(STAMP)
 test: $(STAMP)
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
+# What takes a second or two each, or is one more of a kind.
+test-thorough: $(STAMP)
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "thorough and not slow"
+
 # The numerical tests again under every other instruction set that this processor has.
 test-processors: $(STAMP)
 	$(BIN)/python tests/processors.py
 
 test-slow: $(STAMP)
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m "slow or not slow"
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "slow or thorough or not slow"
 
 # Short runs of every method, by the code before the redesign and by this: the same to the bit?
 golden: $(STAMP)

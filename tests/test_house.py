@@ -190,6 +190,7 @@ for name, module in asked:
 """
 
 
+@pytest.mark.thorough
 def test_who_fits_a_recovery_waits_for_neither_hydra_nor_mlflow_nor_mujoco() -> None:
     """The rooms of equations, all at once. TorchRL imports MuJoCo itself, to see whether it has a second simulator."""
     names = [f"credit.{name}" for name, _ in modules() if f"{name}.".startswith(tuple(f"{place}." for place in LIGHT))]
@@ -200,6 +201,7 @@ def test_who_fits_a_recovery_waits_for_neither_hydra_nor_mlflow_nor_mujoco() -> 
     assert [line for line in done.stdout.splitlines() if not line.startswith("torchrl.")] == []
 
 
+@pytest.mark.thorough
 def test_rooms_that_need_no_torchrl_do_without() -> None:
     rooms = ("core.", "planning.", "recovery.", "rivals.", "judges.")
     names = [f"credit.{name}" for name, _ in modules() if f"{name}.".startswith(rooms)]

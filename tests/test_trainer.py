@@ -19,19 +19,19 @@ from credit.envs.feedback import BlockSum
 from credit.runs import job
 from credit.trainer import Trainer
 
-METHODS = [  # those that run on the advertiser
-    method
-    for method in sorted(files.options("method"))
-    if not job.check(registry.compose(["tracking=none", f"method={method}"])).problems
-]
+ALL = files.options("method")
 MAIN = {"block", "delayed", "disagreement", "oracle", "reference"}  # the others are their parts in other combinations
 Make = Callable[..., Trainer]
 Journal = list[tuple[int, dict[str, torch.Tensor]]]
 
 
-def each(methods: list[str]) -> list[Any]:
-    """The methods, all but the main ones slow."""
-    return [pytest.param(method, marks=() if method in MAIN else pytest.mark.slow) for method in methods]
+@pytest.fixture(params=[pytest.param(name, marks=() if name in MAIN else pytest.mark.slow) for name in sorted(ALL)])
+def method(request: pytest.FixtureRequest) -> str:
+    """Every method that runs on the advertiser."""
+    name = str(request.param)
+    if name not in MAIN and (problems := job.check(registry.compose(["tracking=none", f"method={name}"])).problems):
+        pytest.skip(problems[0])
+    return name
 
 
 def run(trainer: Trainer) -> Journal:
@@ -45,7 +45,6 @@ def experience(trainer: Trainer) -> tuple[torch.Tensor, ...]:
     return windows.states, windows.actions, windows.next_states, windows.labels
 
 
-@pytest.mark.parametrize("method", each(METHODS))
 def test_a_replica_goes_alone_as_in_a_batch(make_trainer: Make, method: str) -> None:
     seeds = (40, 41, 42, 43, 44)
     batch = make_trainer(method, seeds, "trainer.steps=280")
@@ -61,7 +60,6 @@ def test_a_replica_goes_alone_as_in_a_batch(make_trainer: Make, method: str) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", each(METHODS))
 def test_a_replica_goes_alone_as_in_a_large_batch(make_trainer: Make, method: str) -> None:
     batch = make_trainer(method, tuple(range(64)), "trainer.steps=560")
     alone = make_trainer(method, (37,), "trainer.steps=560")
@@ -71,7 +69,6 @@ def test_a_replica_goes_alone_as_in_a_large_batch(make_trainer: Make, method: st
         assert torch.equal(mine[0], theirs[37])
 
 
-@pytest.mark.parametrize("method", each(METHODS))
 def test_one_seed_one_run_and_another_seed_another(make_trainer: Make, method: str) -> None:
     first, again, other = (make_trainer(method, seeds, "trainer.steps=210") for seeds in ((1, 2), (1, 2), (3, 4)))
     for trainer in (first, again, other):
@@ -99,7 +96,6 @@ class SpyOptimizer(Agent):
         return {}
 
 
-@pytest.mark.parametrize("method", each(METHODS))
 def test_only_the_oracle_is_given_primitive_rewards(make_trainer: Make, method: str) -> None:
     trainer = make_trainer(method, (0, 1), "trainer.steps=70")
     seen: list[Windows] = []

@@ -23,6 +23,7 @@ STRANGER = re.compile(
 PLACES = ("credit", "conf", "launch", "examples", "docs", "tests", ".ci")
 
 
+@pytest.mark.thorough
 def test_the_wheel_trains_outside_the_checkout(tmp_path):
     command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(tmp_path), str(ROOT)]
     subprocess.run(command, check=True, capture_output=True)

@@ -16,8 +16,10 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, field
-from functools import cache
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
+from functools import cache, lru_cache
+from pathlib import Path
 from typing import Any
 
 from hydra._internal.core_plugins.file_config_source import FileConfigSource
@@ -199,7 +201,31 @@ def _at_home(option: str, found: ConfigResult) -> None:
         found.header["package"] = said or f"{KINDS[group].slots[0]}.{name}"
 
 
-class Shared(FileConfigSource):
+@lru_cache(maxsize=1024)  # a job composes forty files, and a sweep has a hundred jobs
+def _parsed(path: Path, changed: int, size: int) -> ConfigResult:
+    return FileConfigSource("file", str(path.parent)).load_config(path.name)
+
+
+class Files(FileConfigSource):
+    """A folder whose files are parsed once, as long as they do not change."""
+
+    def load_config(self, config_path: str) -> ConfigResult:
+        """A file as it stands."""
+        path = Path(self.path, self._normalize_file_name(config_path))
+        if not path.is_file():
+            return super().load_config(config_path)  # which says so
+        found = path.stat()
+        parsed = _parsed(path, found.st_mtime_ns, found.st_size)
+        return replace(
+            parsed,
+            provider=self.provider,
+            path=f"{self.scheme()}://{self.path}",
+            config=deepcopy(parsed.config),
+            header=dict(parsed.header),
+        )
+
+
+class Shared(Files):
     """A folder of credit, or of a package: `credit://<folder>`."""
 
     @staticmethod
@@ -218,7 +244,7 @@ class Shared(FileConfigSource):
         return found
 
 
-class Own(FileConfigSource):
+class Own(Files):
     """A folder of the user's: `own://<folder>`. What it says stands, but what every run starts from is credit's."""
 
     @staticmethod

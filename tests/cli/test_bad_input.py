@@ -164,7 +164,16 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize(("words", "expected"), CASES.values(), ids=CASES.keys())
+LONGER = {"part that no method uses here", "key of a part that this method does not use"}  # all methods are asked
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        pytest.param(*case, id=name, marks=pytest.mark.thorough if name in LONGER else ())
+        for name, case in CASES.items()
+    ],
+)
 def test_is_refused_with_a_message(credit, folder, words, expected):
     ended = credit(*words)
     assert ended.code == 2
@@ -201,6 +210,7 @@ def test_a_row_that_is_no_distribution_is_named(credit, folder, monkeypatch, row
     assert list(folder.iterdir()) == []
 
 
+@pytest.mark.thorough
 def test_an_episode_cut_short_is_allowed(credit, folder):
     words = ("method=disagreement", "trainer.steps=58", "trainer.windows_per_round=5", "replicas=1", "tracking=none")
     assert credit("train", "experiment=sepsis", *words).code == 0

@@ -108,6 +108,7 @@ def test_the_state_of_other_code_stops_the_command(credit, folder, half):
     assert same(before, snapshot(folder / "outputs" / PLACE))
 
 
+@pytest.mark.thorough
 def test_rerun_takes_no_notice_of_a_damaged_checkpoint(credit, folder, half, whole):
     shutil.copytree(half, folder / "outputs")
     (folder / "outputs" / PLACE / "seed-0" / checkpoint.NAME).write_bytes(b"rubbish")
@@ -154,6 +155,7 @@ def _immutable(flag: str, disk: Path) -> None:
         pytest.skip(f"this file system knows no immutable files: {error}")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("spoil", "mend", "reason"), [(full, emptied, "No space left"), (read_only, writable, "Operation not permitted")]
 )

@@ -25,8 +25,10 @@ def test_a_run_from_python_refuses_what_has_no_effect():
         compose(["method=delayed", "mixer=best", "tracking=none"])
 
 
-@pytest.mark.parametrize("method", ["adaptive_mse", "delayed"])
-@pytest.mark.parametrize("experiment", ["advertiser", "sepsis", "pointmaze"])
+@pytest.mark.parametrize("method", [pytest.param("adaptive_mse", marks=pytest.mark.thorough), "delayed"])
+@pytest.mark.parametrize(
+    "experiment", ["advertiser", *(pytest.param(name, marks=pytest.mark.thorough) for name in ("sepsis", "pointmaze"))]
+)
 def test_whatever_explain_lists_can_be_typed_as_it_stands(credit, experiment, method):
     words = (f"experiment={experiment}", f"method={method}", "tracking=none")
     listed = credit("check", "--explain", *words).out.splitlines()[:-1]

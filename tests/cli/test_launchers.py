@@ -27,6 +27,7 @@ def site(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.thorough
 def test_one_failing_job(site):
     ended = run(site, "train", "-m", "feedback=block_sum,failing,calm", *TWO, *SHORT)
     assert ended.returncode == 1

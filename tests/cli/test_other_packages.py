@@ -69,6 +69,7 @@ def test_it_is_listed_and_runs(site):
     assert 0 <= summary["metrics"]["weight/parity"] <= 1
 
 
+@pytest.mark.thorough
 def test_a_package_that_did_not_announce_itself_is_refused(site):
     (site / "parity_surrogate-1.0.dist-info" / "entry_points.txt").unlink()
     done = run(site, "train", "--config-dir", "parity_surrogate/conf", "+reward@surrogates.parity=parity")

@@ -73,6 +73,7 @@ def until(there: Callable[[], Any]) -> None:
         time.sleep(0.005)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("number", "resumed_by"), [(signal.SIGTERM, "resume"), pytest.param(signal.SIGINT, "train", marks=pytest.mark.slow)]
 )
@@ -97,6 +98,7 @@ def test_a_signal_ends_a_run_with_a_checkpoint(begin, credit, folder, whole, num
     assert (finished.code, finished.out) == (0, "all runs were done before\n")
 
 
+@pytest.mark.thorough
 def test_a_killed_run_goes_on(begin, credit, folder, whole):
     process = begin("train", *WORDS)
     until(lambda: list(folder.glob(f"outputs/{PLACE}/seed-*/checkpoint.pt")))

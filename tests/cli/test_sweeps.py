@@ -18,6 +18,7 @@ FILES = [
 METHODS = "block,delayed,reference,adaptive_mse,disagreement,block_fair,delayed_fair,thompson,elliptical,oracle,random"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", FILES)
 def test_every_file_composes_and_checks(name):
     jobs = registry.expand([f"sweep={name}", "tracking=none"])
@@ -73,6 +74,7 @@ def test_typed_words_count_more_than_those_of_the_file():
     }
 
 
+@pytest.mark.thorough
 def test_a_file_of_ones_own(credit, folder):
     file = folder / "mine/sweep/small.yaml"
     file.parent.mkdir(parents=True)

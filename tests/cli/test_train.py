@@ -57,6 +57,7 @@ def test_the_same_command_does_only_what_is_missing(credit, folder):
     assert len(list(folder.rglob("DONE"))) == 3
 
 
+@pytest.mark.thorough
 def test_one_spelling_of_a_number_is_one_folder(credit, folder):
     credit("train", "method=random", "replicas=1", "env.p_up=.5", *SHORT)
     ended = credit("train", "-m", "method=random", "replicas=1", "env.p_up=.5,.4", "hydra/launcher=basic", *SHORT)
@@ -97,6 +98,7 @@ def test_a_seed_goes_alone_as_in_a_batch(credit, folder):
             assert float(mine[name]) == pytest.approx(float(theirs[name]), rel=1e-7, abs=1e-9), name
 
 
+@pytest.mark.thorough
 def test_another_configuration_is_never_overwritten(credit, folder):
     place = ("--config-dir", "mine", "env=mine")
     file = folder / "mine/env/mine.yaml"
@@ -114,6 +116,7 @@ def test_another_configuration_is_never_overwritten(credit, folder):
     assert next(folder.rglob("metrics.csv")).read_bytes() != before
 
 
+@pytest.mark.thorough
 def test_a_sweep_runs_every_job(credit, folder):
     ended = credit("train", "-m", "method=delayed,reference", "replicas=2", "hydra/launcher=basic", *SHORT)
     assert ended.code == 0
@@ -165,6 +168,7 @@ def test_check_and_list_and_help_build_nothing(credit, folder):
     assert list(folder.iterdir()) == []
 
 
+@pytest.mark.thorough
 def test_the_module_is_the_command(folder):
     done = subprocess.run(
         [sys.executable, "-m", "credit.cli.train", "method=disagrement"],

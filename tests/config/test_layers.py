@@ -257,6 +257,7 @@ def test_a_file_that_is_no_yaml_is_named(write: Write, own: str) -> None:
 COUNT = "_target_: credit.recovery.bonuses.Count"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("words", ["[count,ucb1]", "[ucb1,count]", "ucb1", "[ucb1]", "[ucb1,ucb2]", "[ucb1,wide]"])
 def test_a_file_of_a_group_that_holds_several_has_a_place_of_its_own(words: str, write: Write, own: str) -> None:
     write("bonus/ucb1", f"# Mine.\n{COUNT}\nscale: 0.7")

@@ -45,17 +45,22 @@ def test_slugs(words: str, expected: str) -> None:
     "words",
     [
         "mixer.alpha=.5",
-        "mixer.alpha=0.50",
-        "++mixer.alpha=.5",
-        "mixer=relative_mse",
-        "agent=value_iteration bonus=[count,disagreement]",
-        "feedback=block_sum feedback.window=7",
-        "env=advertiser env.states=10",
         "experiment=sepsis mixer.alpha=1",  # by the experiment's default
-        "experiment=sepsis feedback.window=5",
         "method=delayed mixer=best mixer=uniform",  # that the run does not use
-        "method=delayed agent=q_learning",
-        "env=sepsis",
+        *(
+            pytest.param(words, marks=pytest.mark.thorough)
+            for words in (
+                "mixer.alpha=0.50",
+                "++mixer.alpha=.5",
+                "mixer=relative_mse",
+                "agent=value_iteration bonus=[count,disagreement]",
+                "feedback=block_sum feedback.window=7",
+                "env=advertiser env.states=10",
+                "experiment=sepsis feedback.window=5",
+                "method=delayed agent=q_learning",
+                "env=sepsis",
+            )
+        ),
     ],
 )
 def test_what_changes_nothing_is_no_part_of_a_slug(words: str) -> None:

@@ -34,7 +34,8 @@ def test_every_parameter_is_documented(kind: str, name: str) -> None:
 def written() -> dict[type, list[dict[str, Any]]]:
     """Class → what each of its files says."""
     found: dict[type, list[dict[str, Any]]] = {}
-    for kind, name in FILES:
+    for param in FILES:
+        kind, name = map(str, param.values)
         node = files.read(files.options(kind)[name])
         if "_target_" in node:
             found.setdefault(schema.resolve(name, node), []).append(node)

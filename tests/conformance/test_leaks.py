@@ -22,7 +22,9 @@ from credit.trainer import Trainer
 
 from .short import EXPERIMENTS
 
-MAIN = {"block", "delayed", "delayed_fair", "disagreement", "reference"}  # others are their parts in other combinations
+FIRST = {"delayed", "disagreement"}
+FIRST_LABELS = {"block_sum", "success"}
+MAIN = FIRST | {"block", "delayed_fair", "reference"}  # others are their parts in other combinations
 
 
 @cache
@@ -46,17 +48,23 @@ def combinations() -> list[Any]:
     """Experiment, feedback and method, whether or not they go together: to find out takes a check."""
     methods = [name for name in files.options("method") if name != "oracle"]
     return [
-        pytest.param(*names, marks=() if names[2] in MAIN and _plain(*names) else pytest.mark.slow)
-        for names in product(EXPERIMENTS, files.options("feedback"), methods)
+        pytest.param(*names, marks=_marks(*names)) for names in product(EXPERIMENTS, files.options("feedback"), methods)
     ]
+
+
+def _marks(experiment: str, feedback: str, method: str) -> Any:
+    if method not in MAIN or not _plain(experiment, feedback, method):
+        return pytest.mark.slow
+    return () if method in FIRST and feedback in FIRST_LABELS else pytest.mark.thorough
 
 
 def _plain(experiment: str, feedback: str, method: str) -> bool:
     return feedback == "success" if experiment == "pointmaze" else feedback != "success"
 
 
+@pytest.mark.thorough
 def test_there_is_something_of_every_experiment() -> None:
-    main = [param.values for param in combinations() if not param.marks]
+    main = [param.values for param in combinations() if pytest.mark.slow.mark not in param.marks]
     found = [names for names in main if fits(*names)]
     assert len(found) >= FITTING
     assert {names[0] for names in found} == set(EXPERIMENTS)

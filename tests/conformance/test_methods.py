@@ -47,13 +47,21 @@ def run(*words: str) -> list[dict[str, torch.Tensor]]:
 
 
 @pytest.mark.parametrize("feedback", ["block_sum", "terminal"])
-@pytest.mark.parametrize("method", ["reference", "adaptive_mse", "disagreement", "random", "oracle"])
+@pytest.mark.parametrize(
+    "method",
+    [
+        "random",
+        "disagreement",
+        *(pytest.param(m, marks=pytest.mark.thorough) for m in ("reference", "adaptive_mse", "oracle")),
+    ],
+)
 def test_methods_run_in_episodes(method: str, feedback: str) -> None:
     rows = run("experiment=sepsis", f"method={method}", f"feedback={feedback}")
     for values in rows:
         assert all(value.shape == (2,) and torch.isfinite(value).all() for value in values.values()), values
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", EVERY)
 def test_an_experiment_takes_every_method_or_says_why_not(name: str) -> None:
     taken = []

@@ -20,7 +20,7 @@ from credit.testing.short import SMALL, selection
 
 KINDS = [kind for kind in kinds.KINDS if kind != "tracking"]
 EXPERIMENTS = sorted(short.experiments(), key="pointmaze".__eq__)  # the quick ones first
-QUICK = ("mixer", "bonus")  # of the rest, methods and two tests below stand for most
+QUICK = {"mixer": pytest.mark.thorough, "bonus": ()}  # of the rest, methods and two tests below stand for most
 ALONE = ["method=reference"]  # where no surrogate has the name of the reference
 ROUNDS = {"windows_per_round": 2, "first_windows": 0, "log_every": 4, "random_windows": 3}
 WINDOWS = 9
@@ -46,11 +46,21 @@ def fits(slot: str, *overrides: str) -> bool:
     return not found.problems and slot in found.used
 
 
+FIRST = ("delayed", "disagreement", "thompson")  # a state for each: an agent's, a recovery's, streams'
+
+
+def marks(experiment: str, method: str) -> Any:
+    """The quick experiment is tried in CI, and of it three methods by default."""
+    if experiment != "advertiser":
+        return pytest.mark.slow
+    return () if method in FIRST else pytest.mark.thorough
+
+
 METHODS = [
     pytest.param(
         (f"experiment={experiment}", f"method={method}"),
         id=f"{experiment}-{method}",
-        marks=[] if experiment == "advertiser" else pytest.mark.slow,
+        marks=marks(experiment, method),
     )
     for experiment in EXPERIMENTS
     for method in sorted(files.options("method"))
@@ -68,7 +78,7 @@ def every_component() -> Iterator[Any]:
                 for experiment in EXPERIMENTS
                 for way in ways
             ]
-            yield pytest.param(found, id=f"{kind}={name}", marks=[] if kind in QUICK else pytest.mark.slow)
+            yield pytest.param(found, id=f"{kind}={name}", marks=QUICK.get(kind, pytest.mark.slow))
 
 
 @pytest.mark.parametrize("names", METHODS)
@@ -85,6 +95,7 @@ def test_a_component_goes_on(tmp_path: Path, choices: list[tuple[str, ...]]) -> 
     goes_on(composed(*names[1:]), tmp_path, (3, 4, 5), slice(1, 2))
 
 
+@pytest.mark.thorough
 def test_a_replay_buffer_that_wrapped_around_goes_on(tmp_path: Path) -> None:
     config = composed("experiment=sepsis", "method=delayed", "agent.capacity=5", "agent.batch=8")
     goes_on(config, tmp_path, (3, 4), slice(None))

@@ -50,6 +50,7 @@ def test_loops_can_be_switched_off(monkeypatch: pytest.MonkeyPatch, disabled: st
     assert not compiled.usable(torch.zeros(1, device="meta"))
 
 
+@pytest.mark.thorough
 def test_numba_is_not_imported_before_a_loop_is_called() -> None:
     code = "import sys, credit.recovery.models.linear, credit.planning.solve, credit.envs.exact.continuing\n"
     code += "assert 'numba' not in sys.modules"

@@ -202,6 +202,7 @@ def test_a_reward_that_is_no_number_is_refused() -> None:
         env.step(0)
 
 
+@pytest.mark.thorough
 def test_it_is_imported_when_it_is_asked_for() -> None:
     code = "import sys, credit, credit.envs; assert not {'torch', 'gymnasium'} & {*sys.modules}; "
     code += "from credit.envs import DelayedReward; assert DelayedReward.__module__ == 'credit.envs.delayed'"

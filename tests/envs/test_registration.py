@@ -48,6 +48,7 @@ def test_a_machine_without_gymnasium_says_so_itself() -> None:
     python(code + "except ModuleNotFoundError as error: assert error.name == 'gymnasium'\nelse: raise SystemExit(1)")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["credit:credit/Sepsis-v0", "credit.envs:credit/Advertiser-v0"])
 def test_an_environment_is_made_by_its_id_alone(name: str) -> None:
     code = f"import gymnasium; env = gymnasium.make({name!r}); state, _ = env.reset(seed=0); print(int(state))"

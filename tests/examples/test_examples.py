@@ -50,6 +50,7 @@ def test_rewards_are_recovered_from_windows(tmp_path: Path) -> None:
     assert error < 0.05 * span
 
 
+@pytest.mark.thorough
 def test_sac_learns_from_transitions(tmp_path: Path) -> None:
     told, *asked = output_of("sac_on_transitions.py", tmp_path)
     assert "after 600 updates" in told
@@ -57,6 +58,7 @@ def test_sac_learns_from_transitions(tmp_path: Path) -> None:
     assert all(place * push < -0.2 * abs(place) for place, push in map(numbers, asked))  # back to 0
 
 
+@pytest.mark.thorough
 def test_labels_are_made_of_rewards(tmp_path: Path) -> None:
     lines = output_of("make_labels.py", tmp_path)
     sums, last, success, rounded = (numbers(line) for line in lines)
@@ -82,6 +84,7 @@ def site(tmp_path: Path) -> Path:
     return facts.parent
 
 
+@pytest.mark.thorough
 def test_a_surrogate_of_ones_own_is_listed_and_runs(site: Path, tmp_path: Path) -> None:
     path = os.pathsep.join(map(str, (EXAMPLES / "own_surrogate", site, ROOT)))
 
@@ -105,6 +108,7 @@ def test_steps_are_recovered_from_episodes(capsys: pytest.CaptureFixture[str]) -
     assert "correlation" in capsys.readouterr().out
 
 
+@pytest.mark.thorough
 def test_labels_come_late(tmp_path: Path) -> None:
     *labels, last = output_of("late_labels.py", tmp_path)
     assert labels
@@ -118,6 +122,7 @@ def test_an_agent_of_stable_baselines_learns_from_recovered_rewards(capsys: pyte
     assert "1000 steps, 50 labels" in capsys.readouterr().out
 
 
+@pytest.mark.thorough
 def test_a_torchrl_buffer_samples_recovered_rewards(capsys: pytest.CaptureFixture[str]) -> None:
     found = runpy.run_path(str(EXAMPLES / "torchrl_buffer.py"))["main"]()
     assert -3 < found[-1] < 1

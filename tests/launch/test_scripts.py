@@ -24,7 +24,9 @@ def test_every_command_has_its_script() -> None:
     assert {path.stem for path in LAUNCH.glob("*.py")} == {*COMMANDS}
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    "command", [pytest.param(name, marks=() if name == "train" else pytest.mark.thorough) for name in COMMANDS]
+)
 def test_a_script_is_its_command(command: str, tmp_path: Path) -> None:
     told = python(f"{command}.py", "--help", cwd=tmp_path)
     assert (told.returncode, told.stderr) == (0, "")

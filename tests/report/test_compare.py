@@ -64,6 +64,7 @@ def test_compare_writes_tables_and_figures(output: Path):
     ]
 
 
+@pytest.mark.thorough
 def test_the_same_runs_give_the_same_files(output: Path):
     first = [path.read_bytes() for path in compare(output, "advertiser").files]
     assert first == [path.read_bytes() for path in compare(output, "advertiser").files]

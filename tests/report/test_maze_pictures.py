@@ -124,6 +124,7 @@ def test_trajectories_by_time_and_by_success(figures: dict[str, Figure | None]):
     assert figure.get_suptitle() == "Delayed SAC, median seed 1"
 
 
+@pytest.mark.thorough
 def test_a_seed_can_be_chosen(shared: Path):
     figures = draw(shared, seed=2)
     titles = [figures[name].get_suptitle() for name in ("trajectories_delayed", "maps_disagreement")]  # type: ignore[union-attr]
@@ -200,6 +201,7 @@ def test_runs_that_kept_nothing_are_compared_without_pictures(tmp_path: Path):
     assert report.remark == ""
 
 
+@pytest.mark.thorough
 def test_variants_have_pictures_of_their_own_and_every_maze_its_demonstrations(tmp_path: Path):
     output = write_all(tmp_path)
     start, goal = (1, 2), (2, 2)
@@ -216,6 +218,7 @@ def test_variants_have_pictures_of_their_own_and_every_maze_its_demonstrations(t
     assert len(demonstrations.axes) == 2
 
 
+@pytest.mark.thorough
 def test_old_pictures_do_not_stay(tmp_path: Path):
     output = write_all(tmp_path)
     folder = output / "reports" / "pointmaze"

@@ -101,6 +101,7 @@ def test_settings_are_chosen_by_the_words_of_a_run(
     assert "mixer.alpha=1.0" in capsys.readouterr().out
 
 
+@pytest.mark.thorough
 def test_another_maze_is_another_setting(tmp_path: Path):
     large = {"maze": "Large", "goal": [7, 10]}
     for seed in range(3):

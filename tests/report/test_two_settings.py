@@ -172,6 +172,7 @@ def test_figures_have_a_panel_a_setting(comparisons: list[Comparison]):
     assert [axes.get_ylim()[1] for axes in curves.axes] == pytest.approx([1040.0, 208.0])
 
 
+@pytest.mark.thorough
 def test_maps_of_both_settings_replace_older_ones(write_run: WriteRun, output: Path, tmp_path: Path):
     folder = output / "reports" / "sepsis"
     folder.mkdir(parents=True)

@@ -47,6 +47,7 @@ def test_arrays_of_another_kind_are_no_maze(write_run: WriteRun, tmp_path: Path)
     assert not compare(tmp_path / "outputs", "walker").comparisons[0].is_maze
 
 
+@pytest.mark.thorough
 def test_whose_runs_keep_a_maze_is_one(tmp_path: Path):
     write_maze_run(tmp_path, "delayed", 0, [0.5, 0.9], tracks=journal(), env={"_target_": "mine.envs.Labyrinth"})
     report = compare(tmp_path, "pointmaze", videos=False)

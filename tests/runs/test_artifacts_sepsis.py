@@ -32,7 +32,9 @@ ROUNDS = ("trainer.first_windows=20", "trainer.random_windows=15", "trainer.wind
 BASES = np.array([2, 3, 3, 3, 3, 2, 2, 2])
 
 
-@pytest.fixture(scope="module", params=list(RUNS))
+@pytest.fixture(
+    scope="module", params=[pytest.param(name, marks=pytest.mark.thorough if name != "pairs" else ()) for name in RUNS]
+)
 def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Arrays]:
     method, feedback, more = RUNS[request.param]
     words = [

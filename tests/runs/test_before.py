@@ -49,6 +49,7 @@ def test_a_finished_run_is_known_to_be_done(output: Path) -> None:
     assert (result.skipped, result.computed) == ([0, 1], [2])
 
 
+@pytest.mark.thorough
 def test_finished_runs_are_compared(output: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     credit.run(["method=reference", "replicas=1", "seed=2", f"output={output}", *WORDS])
     assert list(load_runs(output, "advertiser").frame["seed"]) == [0, 1, 2]

@@ -76,6 +76,7 @@ def signals_itself(trainer: Trainer, *experience: Any, **how: Any) -> None:
     os.kill(os.getpid(), signal.SIGTERM)
 
 
+@pytest.mark.thorough
 def test_a_signal_is_the_programs_unless_it_is_asked_for(own_handlers, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(Trainer, "_learn", signals_itself)

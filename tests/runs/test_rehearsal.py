@@ -172,6 +172,7 @@ def test_what_is_nearly_right_is_told_so_by_name(
         assert piece in found[0], found[0]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("experiment", ["advertiser", "sepsis", "pointmaze"])
 def test_what_is_right_is_tried_once(experiment: str, monkeypatch: pytest.MonkeyPatch) -> None:
     overrides = (f"experiment={experiment}", *BONUS)

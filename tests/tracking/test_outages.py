@@ -213,6 +213,7 @@ class Rubbish(BaseHTTPRequestHandler):
         pass
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["500", "404", "html", "empty", "other json", "closes", "silent"])
 def test_an_address_that_answers_rubbish(
     session: FakeSession, uri: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], kind: str

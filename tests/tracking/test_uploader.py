@@ -30,6 +30,7 @@ def one_job(session: FakeSession) -> None:
     job.end()
 
 
+@pytest.mark.thorough
 def test_a_process_follows_a_session_to_its_end(session: FakeSession, uri: str) -> None:
     tracking = MLflowTracking(uri)
     begin = time.monotonic()
@@ -44,6 +45,7 @@ def test_a_process_follows_a_session_to_its_end(session: FakeSession, uri: str) 
     assert (session.folder / "tracking.log").read_text() == ""
 
 
+@pytest.mark.thorough
 def test_the_death_of_the_trainer_ends_the_uploader(session: FakeSession, uri: str) -> None:
     one_job(session)
     state = uploader.upload(session.folder, session.output, uri, "auto", orphaned=lambda: True)

@@ -174,6 +174,7 @@ def test_it_learns_a_bandit_from_python_alone() -> None:
     torch.testing.assert_close(same_mean, sac.mean(torch.zeros(1, 1, 1))[0, 0])
 
 
+@pytest.mark.thorough
 def test_the_clip_leaves_room_for_entropy() -> None:
     """Nothing is paid, nothing ends: a soft value is the entropy to come, and only that. Clipped to the returns it
     would be 0; it must come out as without the clip, and near α·H/(1 − γ)."""
@@ -210,6 +211,7 @@ def test_states_may_be_numbers() -> None:
     assert same(*runs)
 
 
+@pytest.mark.thorough
 def test_importing_the_learner_loads_no_framework_of_runs() -> None:
     code = "import sys, credit.agents.sac.learner; print([m for m in ('hydra', 'mlflow') if m in sys.modules])"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
