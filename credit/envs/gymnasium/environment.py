@@ -247,6 +247,18 @@ class Gymnasium(Environment):
         keys = ("id", "kwargs", "wrappers", "max_steps", "copies", "workers", "view", "success", "evaluation_episodes")
         return type(self)(**{key: getattr(self, key) for key in keys}, names=self.names)
 
+    def states_of(self, observations: Any) -> Tensor:
+        """Encoded observations."""
+        return self._encoders[0](spaces.require("observation", self._one.observation_space, observations))
+
+    def actions_of(self, actions: Any) -> Tensor:
+        """Numbers, or vectors in [−1, 1]."""
+        return self._encoders[1].inverse(actions)
+
+    def recorded(self, actions: Tensor) -> Tensor:
+        """As the environment's space has them."""
+        return self._encoders[1](actions)
+
     def truth(self, objective: str, window: int) -> EpisodicTruth | None:
         """Where the environment offers its `P` and the start distribution: V* and the value of policies."""
         listed = Listed.of(self._one.unwrapped)
