@@ -14,7 +14,7 @@ from credit.agents.random import Random
 from credit.core.belief import Belief
 from credit.core.capabilities import parts_of, require
 from credit.core.component import Component
-from credit.core.errors import RunError
+from credit.core.errors import RunError, UserError
 from credit.core.knowledge import inform
 from credit.core.ranges import NonNegativeInt, PositiveInt
 from credit.core.seams import Agent, CreditAssigner, Environment, Feedback

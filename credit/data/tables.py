@@ -97,7 +97,9 @@ def _vector(file: Path, frame: pd.DataFrame, name: str, names: Sequence[str]) ->
     several = [column for column in names if re.fullmatch(rf"{name}_\d+", column)]
     if name in names:
         if several:
-            raise UserError(f"{file}: there is {name}, and {several[0]} as well; give one number, or all as {name}_0, …")
+            raise UserError(
+                f"{file}: there is {name}, and {several[0]} as well; give one number, or all as {name}_0, …"
+            )
         return _numbers(file, frame, name)
     wanted = [f"{name}_{i}" for i in range(len(several))]
     if not several or set(several) != set(wanted):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import Any
 
@@ -13,7 +14,7 @@ from torch import Tensor
 
 from credit.core.checks import check_windows
 from credit.core.errors import UserError
-from credit.core.problem import FLOAT, Problem
+from credit.core.problem import Problem
 from credit.core.seams import Environment, Feedback, Transitions
 from credit.core.streams import reset_seed
 from credit.core.windows import Windows
@@ -24,7 +25,7 @@ SEED = reset_seed(0, "demonstrations", 0, 0)  # all replicas are given the same 
 
 
 def windows_of(logged: Logged, feedback: Feedback, problem: Problem) -> tuple[Windows, Tensor | None]:
-    """The windows of logged steps, the same for every replica, and their primitive rewards [R, n] where these are known.
+    """The windows of logged steps, the same for every replica, and r [R, n] of their rows, where it is known.
 
     Labels that came with the steps stay; else the feedback makes them of the rewards, all of them at once: what is late
     in a run has come. Windows lie inside episodes. Where a problem's windows all have T steps and a label, what an
@@ -48,7 +49,7 @@ def windows_of(logged: Logged, feedback: Feedback, problem: Problem) -> tuple[Wi
     check_windows(windows, alone)
     count = problem.replicas
     parts: dict[str, Any] = {field.name: getattr(windows, field.name) for field in fields(windows)}
-    every = {name: _repeated(x, count) if isinstance(x, Tensor) else x for name, x in parts.items()}
+    every: dict[str, Any] = {name: _repeated(x, count) if isinstance(x, Tensor) else x for name, x in parts.items()}
     return Windows(**every), None if primitive is None else _repeated(primitive, count)
 
 
@@ -66,19 +67,13 @@ def _given(logged: Logged, problem: Problem) -> tuple[Windows, Tensor | None]:
     labels = _row(logged.labels[last], problem)
     known = ~labels.isnan()
 
-    def column(values: NDArray[Any]) -> Tensor:
-        return torch.from_numpy(np.ascontiguousarray(values)).unsqueeze(0).to(problem.device)
-
     windows = Windows(
-        column(logged.states),
-        column(logged.actions),
-        column(logged.next_states),
-        column(logged.step),
+        *(_row(part, problem) for part in (logged.states, logged.actions, logged.next_states, logged.step)),
         labels=labels.nan_to_num(0.0),
         labelled=None if bool(known.all()) else known,
-        last=column(last),
-        ended=column(logged.ended),
-        terminated=column(logged.terminated),
+        last=_row(last, problem),
+        ended=_row(logged.ended, problem),
+        terminated=_row(logged.terminated, problem),
     )
     return windows, None if logged.rewards is None else _row(logged.rewards, problem)
 
@@ -120,8 +115,8 @@ def _even(
 
 
 def _row(values: NDArray[Any], problem: Problem) -> Tensor:
-    """Numbers [n] as [1, n]."""
-    return torch.from_numpy(np.asarray(values, dtype=float)).to(FLOAT).unsqueeze(0).to(problem.device)
+    """What steps or windows have [n, ...] as that of one replica [1, n, ...]."""
+    return torch.from_numpy(values.copy()).unsqueeze(0).to(problem.device)
 
 
 def _repeated(values: Tensor, count: int) -> Tensor:
@@ -140,16 +135,15 @@ class Playback(Environment):
 
     def __init__(self, logged: Logged, problem: Problem) -> None:
         self._problem, self._at = problem, 0
-        self._states, self._actions, self._arrivals = (
-            torch.from_numpy(np.ascontiguousarray(part)).unsqueeze(1).unsqueeze(1).to(problem.device)
-            for part in (logged.states, logged.actions, logged.next_states)
-        )  # [n, 1, 1, ...]
-        self._rewards = torch.from_numpy(np.asarray(logged.rewards, dtype=float)).view(-1, 1, 1).to(problem.device)
-        self._terminated, self._ended = (
-            torch.from_numpy(part).view(-1, 1, 1).to(problem.device) for part in (logged.terminated, logged.ended)
-        )
-        told = None if logged.success is None else torch.from_numpy(logged.success).view(-1, 1, 1)
-        self._success = None if told is None else told.to(problem.device)
+
+        def column(values: NDArray[Any] | None) -> Sequence[Tensor]:
+            """[1, 1, ...] of every step; nothing where nobody says it."""
+            return () if values is None else _row(values, problem).movedim(1, 0).unsqueeze(1).unbind()
+
+        self._states, self._actions = column(logged.states), column(logged.actions)
+        self._arrivals, self._rewards = column(logged.next_states), column(logged.rewards)
+        self._terminated, self._ended = column(logged.terminated), column(logged.ended)
+        self._success = column(logged.success)
 
     def problem(self, window: int, seeds: tuple[int, ...], device: torch.device | str) -> Problem:
         """That of the run."""
@@ -171,5 +165,5 @@ class Playback(Environment):
         """What it led to."""
         at, self._at = self._at, self._at + 1
         over = self._terminated[at]
-        facts = {} if self._success is None else {"success": self._success[at]}
+        facts = {"success": self._success[at]} if self._success else {}
         return Transitions(self._arrivals[at], self._rewards[at], over, self._ended[at] & ~over, facts)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from credit.core.errors import UserError
@@ -34,12 +36,10 @@ def read(source: str | Path, env: Environment, problem: Problem) -> Logged:
     path = Path(source)
     if path.suffix in tables.SUFFIXES:
         found = _of_table(path, env, problem)
-    elif (path / "config.yaml").exists() or list(path.glob("seed-*/config.yaml")):
-        if not (path / STEPS).exists():
-            kept = ", ".join(str(file.parent) for file in sorted(path.glob(f"*/{STEPS}"))[:3])
-            hint = f"give one run of them: {kept}" if kept else "compute it again with keep=[steps] rerun=true"
-            raise UserError(f"{path}: no steps were kept in this folder ({STEPS}); {hint}")
+    elif (path / STEPS).exists():
         found = _of_table(path / STEPS, env, problem)
+    elif (path / "config.yaml").exists() or list(path.glob("seed-*/config.yaml")):
+        found = _of_windows(path, env, problem)
     elif path.is_file():
         raise UserError(f"{path}: files of steps end in {' or '.join(tables.SUFFIXES)}")
     else:
@@ -54,8 +54,8 @@ def _of_table(file: Path, env: Environment, problem: Problem) -> Logged:
     episode = tables.numbered(columns.get("episode", np.zeros(count)))
     if (parts := np.unique(columns["episode"]).size if "episode" in columns else 1) <= int(episode.max(initial=0)):
         raise UserError(
-            f"{file}: {parts} episodes in {int(episode[-1]) + 1} pieces; the rows of an episode follow each other: sort "
-            "them by column episode"
+            f"{file}: {parts} episodes in {int(episode[-1]) + 1} pieces; the rows of an episode follow each other: "
+            "sort them by column episode"
         )
     labels, closes = columns.get("label"), None
     if labels is not None:
@@ -80,6 +80,36 @@ def _of_table(file: Path, env: Environment, problem: Problem) -> Logged:
         columns["success"].astype(bool) if "success" in columns else None,
         labels,
         closes,
+    )
+
+
+def _of_windows(folder: Path, env: Environment, problem: Problem) -> Logged:
+    """The windows that a run with a finite problem leaves in any case, where all have T steps: `recovery.npz`."""
+    file, config = folder / "recovery.npz", folder / "config.yaml"
+    whole = (
+        config.exists() and yaml.safe_load(config.read_text(encoding="utf-8"))["trainer"].get("steps_per_round") is None
+    )
+    with np.load(file, allow_pickle=False) if whole and file.exists() else nullcontext({}) as arrays:
+        found = {name: arrays.get(f"windows/{name}") for name in ("states", "actions", "next_states", "labels")}
+    if any(part is None for part in found.values()) or (found["states"] < 0).any():
+        kept = ", ".join(str(file.parent) for file in sorted(folder.glob(f"*/{STEPS}"))[:3])
+        hint = f"give one run of them: {kept}" if kept else "compute it again with keep=[steps] rerun=true"
+        raise UserError(f"{folder}: no steps were kept in this folder ({STEPS}); {hint}")
+    count, length = found["states"].shape
+    closes = np.tile(np.arange(length) == length - 1, count)
+    labels = np.full(count * length, np.nan)
+    labels[closes] = found["labels"]
+    episode = np.repeat(np.arange(count), length) if problem.episodic else np.zeros(count * length, np.int64)
+    return Logged(
+        str(file),
+        _states(file, "observation", found["states"].ravel(), problem),
+        _actions(file, env, found["actions"].ravel(), problem),
+        _states(file, "next_observation", found["next_states"].ravel(), problem),
+        episode,
+        _steps(file, episode, None),
+        np.zeros(count * length, bool),
+        labels=labels,
+        closes=closes,
     )
 
 

@@ -253,16 +253,19 @@ def require(name: str, space: Space[Any], values: Any) -> Any:
     Raises:
         UserError: they have another shape, or one does not lie in the space; with its part and row.
     """
-    if isinstance(space, (Dict, Tuple)):
-        keys = list(space.spaces) if isinstance(space, Dict) else list(range(len(space.spaces)))
-        there = list(values) if isinstance(values, Mapping) else list(range(len(values)))
-        if isinstance(values, Mapping) != isinstance(space, Dict) or not set(keys) <= set(there):
-            raise UserError(f"{name} has the parts {there}, and this environment's {keys}: {space}")
-        parts = [require(f"{name}[{key!r}]", space[key], values[key]) for key in keys]
-        return dict(zip(keys, parts, strict=True)) if isinstance(space, Dict) else tuple(parts)
+    nested = isinstance(space, (Dict, Tuple))
+    if nested or isinstance(values, (Mapping, tuple)):
+        inner = dict(space.spaces if isinstance(space, Dict) else enumerate(getattr(space, "spaces", ())))
+        there = list(values if isinstance(values, Mapping) else range(len(values) if isinstance(values, tuple) else 0))
+        if not nested or isinstance(values, Mapping) != isinstance(space, Dict) or not set(inner) <= set(there):
+            raise UserError(f"{name} has the parts {there}, and here it must be of {space}")
+        parts = {key: require(f"{name}[{key!r}]", part, values[key]) for key, part in inner.items()}
+        return parts if isinstance(space, Dict) else tuple(parts.values())
     found, shape = np.asarray(values), space.shape or ()
     if found.dtype.kind not in "biuf" or found.size != len(found) * prod(shape):
-        raise UserError(f"{name} has the shape {list(found.shape[1:])} of {found.dtype}, and here it must be of {space}")
+        raise UserError(
+            f"{name} has the shape {list(found.shape[1:])} of {found.dtype}, and here it must be of {space}"
+        )
     found = found.reshape(len(found), *shape)
     if isinstance(space, Box):
         slack = BOUND * np.maximum(1, np.abs(np.where(np.isfinite(space.high), space.high, 1)))

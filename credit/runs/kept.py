@@ -20,7 +20,7 @@ from credit.runs import checkpoint
 from credit.trainer import Trainer
 
 POLICY = "policy.pt"
-RANDOM = {"generators", "_generators", "bit_generator"}  # what says that a state is one of random numbers
+RANDOM = {"generators", "_generators", "bit_generator", "_episodes"}  # what says that a state is one of random numbers
 
 
 def write_steps(trainer: Trainer, folder: Path, replica: int) -> None:
@@ -105,16 +105,19 @@ def _facts(agent: Agent, problem: Problem) -> dict[str, Any]:
 def _found(folder: Path) -> Path:
     """The file of a policy: one serves all seeds that were computed side by side, and lies with the first of them."""
     for place in (folder, *([folder.parent] if folder.name.startswith("seed-") else [])):
-        files: Sequence[Path] = [place / POLICY] if (place / POLICY).exists() else sorted(place.glob(f"seed-*/{POLICY}"))
+        files: Sequence[Path] = (
+            [place / POLICY] if (place / POLICY).exists() else sorted(place.glob(f"seed-*/{POLICY}"))
+        )
         if len(files) == 1:
             return files[0]
         if files:
             raise UserError(
-                f"policy_from={folder}: several policies lie there ({', '.join(map(str, files))}); give the folder of one"
+                f"policy_from={folder}: several policies lie there; give the folder of one of them: "
+                f"{', '.join(str(file.parent) for file in files)}"
             )
     raise UserError(
-        f"policy_from={folder}: no {POLICY} lies there; compute that run with keep=[policy] (and rerun=true, where it is "
-        "done), and give its folder"
+        f"policy_from={folder}: no {POLICY} lies there; compute that run with keep=[policy] (and rerun=true, where it "
+        "is done), and give its folder"
     )
 
 
