@@ -165,6 +165,8 @@ def test_the_oracle_needs_rewards(composed: Composed, log: Path, tmp_path: Path)
     config = composed("method=oracle", "trainer.steps=70")
     trainer = made({**config, "demonstrations_from": str(log)})
     assert trainer.store.windows.primitive is not None
+    learner = made({**composed("method=reference", "trainer.steps=70"), "demonstrations_from": str(log)})
+    assert learner.store.windows.primitive is None
     write_steps(trainer, tmp_path, 0)
     assert "reward" not in pd.read_parquet(tmp_path / STEPS).columns
     with pytest.raises(UserError, match="demonstrations_from: a part of this method is shown the primitive reward"):
