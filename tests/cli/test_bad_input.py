@@ -58,6 +58,8 @@ CASES = {
     ),
     "missing value": ((TRAIN, "mixer.alpha=???"), ["mixer.alpha", "missing", "float > 0"]),
     "missing part": ((TRAIN, "~agent"), ["agent", "trainer needs one"]),
+    "missing model": ((TRAIN, "~reward@reference"), ["reference", "add reward@reference=<option>"]),
+    "parts of a list": ((TRAIN, "~bonus"), ["'~bonus'", "bonus=[]"]),
     "parts that do not fit": (
         (TRAIN, "agent=sac"),
         ["agent: SAC needs", "vectors (Box)"],
