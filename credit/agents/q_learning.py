@@ -14,7 +14,7 @@ from credit.core.problem import Problem
 from credit.core.ranges import Probability
 from credit.core.seams import Agent, CreditAssigner
 from credit.core.store import Store
-from credit.core.streams import Stream
+from credit.core.streams import each_step
 from credit.planning.solve import first_best
 
 
@@ -56,13 +56,13 @@ class QLearning(Agent):
         self._problem = problem
         self._q = problem.zeros(problem.states, problem.actions)
         self._flat = self._q.view(problem.replicas, -1)
-        self._stream = Stream(problem, "epsilon-greedy", "uniform", 2)
+        self._stream = each_step(problem, "epsilon-greedy", "uniform", 2)
         self._windows = 0
 
     def act(self, states: Tensor, step: Tensor) -> Tensor:
         """A uniform action with probability ε, else the first best."""
         values = self._q.gather(1, states.unsqueeze(-1).expand(-1, -1, self._problem.actions))
-        return explored(first_best(values), self._exploration(), self._problem.actions, self._stream)
+        return explored(first_best(values), self._exploration(), self._problem.actions, self._stream.rows(step))
 
     def improve(self, store: Store, assigner: CreditAssigner) -> None:
         """One sweep over the newest windows, in the order in which they happened."""
