@@ -19,18 +19,17 @@ RUNS = {
 }
 
 
-def lived(config: dict[str, Any], *seeds: int) -> tuple[Trainer, list[dict[str, torch.Tensor]]]:
+def lived(config: dict[str, Any], *seeds: int) -> Trainer:
     trainer: Trainer = schema.build(config, "trainer")
     trainer.start(seeds)
-    rows = list[dict[str, torch.Tensor]]()
-    trainer.run(lambda _, values: rows.append(values))
-    return trainer, rows
+    trainer.run(lambda step, values: None)
+    return trainer
 
 
 @pytest.mark.parametrize("name", RUNS)
 def test_a_replica_goes_alone_as_in_a_batch(name: str) -> None:
     config = job.checked(registry.compose([*RUNS[name], *ROUNDS]))
-    (batch, together), (alone, journal) = lived(config, 3, 4, 5), lived(config, 4)
+    batch, alone = lived(config, 3, 4, 5), lived(config, 4)
     ours, theirs = alone.store.windows, batch.store.windows
     lengths = theirs.count
     assert lengths is not None
@@ -40,6 +39,3 @@ def test_a_replica_goes_alone_as_in_a_batch(name: str) -> None:
     for column in ("states", "actions", "next_states", "labels"):
         mine, other = getattr(ours, column)[0], getattr(theirs, column)[1]
         assert torch.equal(mine, other[: len(mine)]), column
-    for mine, others in zip(journal, together, strict=True):
-        for metric in (name for name in mine if not name.startswith("optimizer/")):
-            torch.testing.assert_close(mine[metric][0], others[metric][1], equal_nan=True, rtol=1e-3, atol=1e-5)
