@@ -77,8 +77,8 @@ CASES = {
         ["1296 states", "transition=observed_counts"],
     ),
     "a continuing planner in episodes": (
-        (TRAIN, "experiment=sepsis", "method=delayed", "agent=q_learning"),
-        ["agent: QLearning needs a task that is continuing, and this one is episodic"],
+        (TRAIN, "experiment=sepsis", "method=block", "agent=block_ucb"),
+        ["agent: BlockUCB needs a task that is continuing, and this one is episodic"],
     ),
     "a key of an older version": ((TRAIN, "tuned.mixer_alpha=.3"), ["tuned.mixer_alpha=.3", "now mixer.alpha"]),
     "a key of a group's older name": (
