@@ -18,7 +18,7 @@ from credit.core.problem import FLOAT, Problem
 from credit.core.ranges import NonNegative, NonNegativeInt, Positive, PositiveInt, Probability
 from credit.core.seams import Agent, CreditAssigner, FeatureMap
 from credit.core.store import Store
-from credit.core.streams import Stream
+from credit.core.streams import each_step
 from credit.data.replay import Batch, Replay
 from credit.networks.perceptron import PRECISION, ReplicaMLP
 
@@ -113,7 +113,7 @@ class DQN(Agent):
         self._replay = Replay(
             problem, self.n_step, self.discount, capacity=self.capacity, outcome=self.monte_carlo > 0, kind=FLOAT
         )
-        self._stream = Stream(problem, "epsilon-greedy", "uniform", 2)
+        self._stream = each_step(problem, "epsilon-greedy", "uniform", 2)
         self._windows, self._steps, self._updates = 0, 0, 0
         self._policy = self._view.greedy(self._online)
 

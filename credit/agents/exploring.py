@@ -6,19 +6,16 @@ import torch
 from torch import Tensor
 
 from credit.core.policy import Policy
-from credit.core.streams import Stream
+from credit.core.streams import Episodes, Stream
 
 
-def explored(best: Tensor, epsilon: float, count: int, stream: Stream) -> Tensor:
+def explored(best: Tensor, epsilon: float | Tensor, count: int, numbers: Tensor) -> Tensor:
     """A uniform action among `count` with probability ε, else the best; each copy for itself.
 
     Args:
-        best: [R, K]. stream: of uniform numbers, two a replica and copy.
+        best: [R, K]. numbers: uniform ones, two for each copy [R, K, 2].
     """
-    if best.shape[1] == 1:
-        chance, which = stream.next().split(1, dim=1)
-    else:
-        chance, which = torch.stack([stream.next() for _ in range(best.shape[1])], dim=1).unbind(-1)
+    chance, which = numbers.unbind(-1)
     return torch.where(chance < epsilon, (which * count).to(torch.int64), best)
 
 
@@ -26,17 +23,19 @@ class EpsilonGreedy(Policy):
     """A uniform action with probability ε, else that of another policy.
 
     Args:
-        greedy: the other. epsilon: ε. count: A. stream: the random numbers of the agent that acts so.
+        greedy: the other. epsilon: ε, or that of each replica [R, 1]. count: A.
+        stream: the random numbers of the agent that acts so.
     """
 
-    def __init__(self, greedy: Policy, epsilon: float, count: int, stream: Stream) -> None:
+    def __init__(self, greedy: Policy, epsilon: float | Tensor, count: int, stream: Stream | Episodes) -> None:
         self.greedy, self.epsilon, self.count, self.stream = greedy, epsilon, count, stream
 
     def act(self, states: Tensor, step: Tensor) -> Tensor:
         """Actions [R, K]."""
-        return explored(self.greedy.act(states, step), self.epsilon, self.count, self.stream)
+        return explored(self.greedy.act(states, step), self.epsilon, self.count, self.stream.rows(step))
 
     def probabilities(self, states: Tensor, step: int) -> Tensor | None:
         """ε/A for every action, and 1 − ε more for the best [R, n, A]."""
         best = self.greedy.probabilities(states, step)
-        return None if best is None else self.epsilon / self.count + (1 - self.epsilon) * best
+        epsilon = self.epsilon.unsqueeze(-1) if isinstance(self.epsilon, Tensor) else self.epsilon
+        return None if best is None else epsilon / self.count + (1 - epsilon) * best

@@ -14,15 +14,16 @@ from credit.core.problem import Problem
 from credit.core.ranges import Probability
 from credit.core.seams import Agent, CreditAssigner
 from credit.core.store import Store
-from credit.core.streams import Stream
+from credit.core.streams import each_step
+from credit.core.windows import Windows
 from credit.planning.solve import first_best
 
 
 class QLearning(Agent):
     """Q(s, a) += lr·(r + γ max Q(s', ·) − Q(s, a)), ε-greedy, updated step by step once the window's label is known.
 
-    States and actions are numbers. There is no time index, and the last step of a window bootstraps into the next: the
-    task is continuing.
+    States and actions are numbers. There is no time index. In a task that goes on, the last step of a window bootstraps
+    into the next; in episodes, nothing lies behind a terminated step, nor behind step T.
 
     Args:
         learning_rate: lr.
@@ -34,7 +35,6 @@ class QLearning(Agent):
 
     observations: ClassVar = "finite"
     actions: ClassVar = "finite"
-    setting: ClassVar = "continuing"
     keeps: ClassVar = ("_q", "_stream", "_windows")
 
     def __init__(
@@ -56,27 +56,38 @@ class QLearning(Agent):
         self._problem = problem
         self._q = problem.zeros(problem.states, problem.actions)
         self._flat = self._q.view(problem.replicas, -1)
-        self._stream = Stream(problem, "epsilon-greedy", "uniform", 2)
-        self._windows = 0
+        self._stream = each_step(problem, "epsilon-greedy", "uniform", 2)
+        self._windows: int | Tensor = 0  # with a label
 
     def act(self, states: Tensor, step: Tensor) -> Tensor:
         """A uniform action with probability ε, else the first best."""
         values = self._q.gather(1, states.unsqueeze(-1).expand(-1, -1, self._problem.actions))
-        return explored(first_best(values), self._exploration(), self._problem.actions, self._stream)
+        return explored(first_best(values), self._exploration(), self._problem.actions, self._stream.rows(step))
 
     def improve(self, store: Store, assigner: CreditAssigner) -> None:
         """One sweep over the newest windows, in the order in which they happened."""
         windows = store.new
         rewards = assigner.rewards(windows)
+        rate, discount = self._rates(windows)
         pairs = windows.pairs(self._problem.actions)
         arrivals = windows.next_states.unsqueeze(-1).expand(-1, -1, self._problem.actions)
         for t in range(pairs.shape[1]):
             pair = pairs[:, t : t + 1]
             ahead = self._q.gather(1, arrivals[:, t : t + 1]).amax(-1)
             now = self._flat.gather(1, pair)
-            target = rewards[:, t : t + 1] + self.discount * ahead
-            self._flat.scatter_(1, pair, torch.lerp(now, target, self.learning_rate))
-        self._windows += windows.labels.shape[1]
+            target = rewards[:, t : t + 1] + _at(discount, t) * ahead
+            self._flat.scatter_(1, pair, torch.lerp(now, target, _at(rate, t)))
+        self._windows = self._windows + windows.known
+
+    def _rates(self, windows: Windows) -> tuple[float | Tensor, float | Tensor]:
+        """lr, or that of each row [R, n], 0 where it means nothing; and γ, 0 for rows behind which nothing lies."""
+        rate = self.learning_rate if windows.valid is None else self.learning_rate * windows.once
+        if not self._problem.episodic:
+            return rate, self.discount
+        over = windows.times == self._problem.horizon - 1
+        if windows.terminated is not None:
+            over = over | windows.terminated
+        return rate, self.discount * (~over).double()
 
     def policies(self) -> dict[str, Policy]:
         """Greedy in Q; exploration is not counted as an error of the policy."""
@@ -90,5 +101,13 @@ class QLearning(Agent):
     def _greedy(self) -> Policy:
         return TablePolicy(first_best(self._q), self._problem.actions)
 
-    def _exploration(self) -> float:
+    def _exploration(self) -> float | Tensor:
+        """ε, or that of each replica [R, 1] where they saw different numbers of labels."""
+        if isinstance(self._windows, Tensor):
+            return (self.epsilon * self.epsilon_decay**self._windows).clamp(min=self.epsilon_floor).unsqueeze(1)
         return max(self.epsilon * self.epsilon_decay**self._windows, self.epsilon_floor)
+
+
+def _at(values: float | Tensor, t: int) -> float | Tensor:
+    """Of values of each row [R, n] those of one [R, 1]; one for all as it is."""
+    return values[:, t : t + 1] if isinstance(values, Tensor) else values

@@ -12,7 +12,7 @@ from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Agent, CreditAssigner
 from credit.core.state import Stateful
 from credit.core.store import Store
-from credit.core.streams import Stream, generators
+from credit.core.streams import Episodes, Stream, each_step, generators
 
 
 class Random(Agent):
@@ -23,7 +23,8 @@ class Random(Agent):
         self._acting: Numbers | Forces
         self._judged: Numbers | Forces
         if problem.finite_actions:
-            self._acting, self._judged = (Numbers(problem, f"random policy{use}") for use in ("", ", evaluation"))
+            self._acting = Numbers(problem, each_step(problem, "random policy", "uniform", 1))
+            self._judged = Numbers(problem, Episodes(problem, "random policy, evaluation", "uniform", 1))
         else:
             self._acting = Forces(problem, "random policy, act", not problem.lockstep)
             self._judged = Forces(problem, "random policy, evaluation", True)
@@ -44,18 +45,18 @@ class Numbers(Policy, Stateful):
     """Uniform actions among A [R, K].
 
     Args:
-        problem: A and the seeds. purpose: of the random numbers.
+        problem: A and R. stream: of the random numbers.
     """
 
     keeps: ClassVar = ("_stream",)
 
-    def __init__(self, problem: Problem, purpose: str) -> None:
+    def __init__(self, problem: Problem, stream: Stream | Episodes) -> None:
         self._count, self._replicas = problem.actions, problem.replicas
-        self._stream = Stream(problem, purpose, "uniform", 1)
+        self._stream = stream
 
     def act(self, states: Tensor, step: Tensor) -> Tensor:
         """One draw for each copy."""
-        return (self._stream.several(states.shape[1]) * self._count).to(torch.int64)
+        return (self._stream.rows(step)[..., 0] * self._count).to(torch.int64)
 
     def probabilities(self, states: Tensor, step: int) -> Tensor:
         """1/A for every action, without memory of its own."""

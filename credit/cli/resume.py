@@ -38,8 +38,14 @@ def _session(folder: Path) -> int:
     """The command of a session once more, with its output folder where it lies now."""
     from credit.cli import train
     from credit.runs import job
+    from credit.runs.locks import Lock
 
     facts = read_json(folder / "session.json")
+    if (lock := Lock(folder / ".lock")).held_elsewhere():
+        raise UserError(
+            f"{folder}: `{facts['command']}` is still at work ({lock.holder()}); wait for its end, or end it "
+            "(Ctrl-C, or SIGTERM to that process) and resume then"
+        )
     command, *argv = facts["argv"]
     if command != "train":
         raise UserError(

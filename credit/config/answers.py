@@ -34,6 +34,9 @@ def explain(error: Exception, overrides: Sequence[str], config_dirs: Sequence[st
     if found := re.search(r"Could not (?:load|find) '([\w/@.]+)/([\w.-]+)'", message):
         group, option = found[1].partition("@")[0], found[2]
         return f"{group}={option}: no such option; {nearest(option, files.options(group, config_dirs))}"
+    found = re.search(r"Could not delete '([\w@./]+)'", message)
+    if found and found[1] in KINDS and KINDS[group := found[1]].several:
+        return f"'~{group}': {group} is a list of options; {group}=[] is none of them, {group}=[<option>] another"
     if found := re.search(r"Could not (?:override|delete)[^']*'([\w@./]+)'", message):
         return _unknown_key(found[1], list(overrides), config_dirs, compose)
     if message.startswith("Config group override must be"):

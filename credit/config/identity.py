@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from typing import Any
@@ -16,6 +15,7 @@ from typing import Any
 from credit.config import schema
 from credit.config.kinds import CIRCUMSTANCES, KINDS, STARTS
 from credit.core.errors import UserError
+from credit.core.naming import registered_name
 from credit.core.signatures import REQUIRED, signature
 from credit.renamed import translated
 
@@ -41,22 +41,10 @@ def described(node: Any) -> Any:
         defaults = {name: default for name, (_, default) in signature(cls).items()}
         values = {key: value for key, value in node.items() if key != "_target_"}
         changed = {k: described(v) for k, v in values.items() if plain(v) != plain(defaults.get(k, REQUIRED))}
-        return {"is": registered_name(cls), **changed}
+        return {"is": registered_name(cls.__module__, cls.__name__), **changed}
     if isinstance(node, Mapping):
         return {str(key): described(value) for key, value in node.items()}
     return plain(node)
-
-
-def registered_name(cls: type) -> str:
-    """The one name of a class within its kind, wherever it is defined: `local_mse`; `package:name` for other packages.
-
-    Example:
-        >>> registered_name(LocalMSE)
-        'local_mse'
-    """
-    name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", cls.__name__).lower()
-    package = cls.__module__.partition(".")[0]
-    return name if package == "credit" else f"{package}:{name}"
 
 
 def namesakes(one: Any, other: Any) -> Iterator[tuple[str, str]]:

@@ -38,7 +38,8 @@ def choose(overrides: Sequence[str], jobs: int, gpu: bool, config_dirs: Sequence
     words = [text for text in overrides if text.lstrip("+").startswith("hydra")]
     workers = min(_devices() if gpu else _cores(), jobs)
     if not any(text.startswith("hydra/launcher=") for text in words):
-        words.append(f"hydra/launcher={'local' if workers > 1 else 'basic'}")
+        has_keys = any(text.lstrip("+").startswith("hydra.launcher.") for text in words)  # basic has none
+        words.append(f"hydra/launcher={'local' if workers > 1 or has_keys else 'basic'}")
     node = registry.hydra_node(words, config_dirs)["launcher"]
     package = node["_target_"].split(".")[1]
     if package in EXTRAS and importlib.util.find_spec(f"hydra_plugins.{package}") is None:

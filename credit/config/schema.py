@@ -17,6 +17,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from credit.config import files
+from credit.config.kinds import SLOTS
 from credit.core.component import Component
 from credit.core.errors import UserError, nearest
 from credit.core.signatures import REQUIRED, adapter, component_kind, describe, signature, takes_several
@@ -156,7 +157,8 @@ class Check:
                 elif isinstance(self._config.get(name), Mapping):
                     self.problems.append(f"{name}: {path} needs one component here, not several by name")
                 elif default is REQUIRED and self._config.get(name) is None:
-                    self.problems.append(f"{name}: {path} needs one, and there is none; add {name}=<option> ({asker})")
+                    word = name if SLOTS.get(name, name) == name else f"{SLOTS[name]}@{name}"
+                    self.problems.append(f"{name}: {path} needs one, and there is none; add {word}=<option> ({asker})")
 
     def _suits(self, path: str, cls: type[Component], slot: str, hint: Any) -> None:
         """Complain about components in a slot that are not of the class that a constructor asks for."""

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from credit.core.problem import Replicas
+from credit.core.problem import Problem, Replicas
 from credit.core.state import Stateful
 
 Kind = Literal["uniform", "normal", "poisson"]
@@ -69,6 +69,12 @@ class Stream(Stateful):
         """The next rows of every replica side by side [R, count·width]."""
         return self.next() if count == 1 else torch.cat([self.next() for _ in range(count)], dim=1)
 
+    def rows(self, step: Tensor) -> Tensor:
+        """The next row of every copy [R, K, width], at any steps of their episodes [R, K]."""
+        if (copies := step.shape[1]) == 1:
+            return self.next().unsqueeze(1)
+        return torch.stack([self.next() for _ in range(copies)], dim=1)
+
     def state_dict(self) -> dict[str, Any]:
         """Where the generators stood before the buffered rows, and how many of those are used."""
         return {"generators": self._before or self._now(), "used": self._used}
@@ -93,6 +99,42 @@ class Stream(Stateful):
     def _draw(self) -> np.ndarray:
         shape = (max(self.CHUNK // self._width, 1), self._width)
         return np.stack([drawn(g, self._kind, shape) for g in self._generators], axis=1)
+
+
+class Episodes(Stateful):
+    """A row for every copy at every step of episodes that begin together: all are drawn as they begin, so that none
+    depends on how long others last. The numbers are those of `Stream` where all last to the horizon.
+
+    Args:
+        problem: gives the horizon, the seeds and the device. purpose: what the numbers are for. kind: as in `Stream`.
+        width: numbers in a row.
+    """
+
+    keeps: ClassVar = ("_generators",)
+
+    def __init__(self, problem: Problem, purpose: str, kind: Kind, width: int) -> None:
+        self._generators = generators(problem.seeds, purpose)
+        self._kind: Kind = kind
+        self._horizon, self._width, self._device = problem.horizon, width, problem.device
+        self._rows: Sequence[Tensor] = ()
+
+    def rows(self, step: Tensor) -> Tensor:
+        """Those of a step that all copies take [R, K] → [R, K, width]."""
+        now = int(step.flatten()[0])
+        if now == 0:
+            shape = (self._horizon, step.shape[1], self._width)
+            each = np.stack([drawn(generator, self._kind, shape) for generator in self._generators], 1)
+            self._rows = torch.from_numpy(each).to(self._device).unbind()
+        return self._rows[now]
+
+
+def each_step(problem: Problem, purpose: str, kind: Kind, width: int) -> Stream | Episodes:
+    """Rows for the copies that act, step by step, whether or not a replica may take more steps in a round than others.
+
+    Args:
+        problem, purpose, kind, width: as in `Stream`.
+    """
+    return (Stream if problem.even or problem.lockstep else Episodes)(problem, purpose, kind, width)
 
 
 class Queues(Stateful):

@@ -17,6 +17,7 @@ from typing import Any
 import yaml
 
 from credit.core.errors import UserError, nearest
+from credit.core.naming import registered_name
 from credit.renamed import translated
 
 # The slots that are the problem, and what of the trainer is not: the learner's own schedule, and how often one looks
@@ -220,17 +221,11 @@ def _flat(key: str, node: Any) -> Iterator[tuple[str, Any]]:
         yield key, node
         return
     if "_target_" in node:
-        yield key, _class(str(node["_target_"]))
+        module, _, name = str(node["_target_"]).rpartition(".")  # which may move
+        yield key, registered_name(module, name).replace(":", ".")  # a name of files, too
     for name, inner in node.items():
         if name != "_target_":
             yield from _flat(f"{key}.{name}", inner)
-
-
-def _class(target: str) -> str:
-    """A class without its module, which may move: `credit.….BlockSum` → block_sum, `their.rules.Own` → their.own."""
-    package, name = target.partition(".")[0], target.rpartition(".")[2]
-    spelled = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
-    return spelled if package == "credit" else f"{package}.{spelled}"
 
 
 def _end(name: str) -> str:

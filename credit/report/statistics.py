@@ -15,10 +15,11 @@ Array = NDArray[np.float64]
 
 CONFIDENCE = 0.95
 DRAWS = 10_000
+ROUNDING = 1e-12  # differences of scores that are closer than this, as a share of the scores, are the same
 
 
 class Interval(NamedTuple):
-    """A value with its 95% interval; the ends are NaN where one seed leaves no spread to measure."""
+    """A value with its 95% interval; the ends are NaN where seeds leave no spread: one alone, or all the same."""
 
     value: float
     low: float
@@ -108,11 +109,12 @@ def iqm_interval(scores: ArrayLike, *, draws: int = DRAWS, seed: int = 0) -> Int
         seed: of the resampling.
 
     Returns:
-        The IQM and the 2.5% and 97.5% quantiles of its bootstrap distribution.
+        The IQM and the 2.5% and 97.5% quantiles of its bootstrap distribution; the ends are NaN where the seeds of
+        every task agree.
     """
     x = np.atleast_2d(np.asarray(scores, dtype=float))
     value = float(interquartile_mean(x.ravel()))
-    if x.shape[1] < 2:
+    if x.shape[1] < 2 or not np.ptp(x, axis=1).any():
         return Interval(value, float("nan"), float("nan"))
     chosen = np.random.default_rng(seed).integers(x.shape[1], size=(draws, *x.shape))
     samples = np.take_along_axis(x[None], chosen, axis=-1).reshape(draws, -1)
@@ -147,12 +149,15 @@ def paired_difference(x: ArrayLike, y: ArrayLike) -> Interval:
         y: [n] scores of the reference, on the same seeds in the same order.
 
     Returns:
-        The mean difference and its interval; NaN throughout for n = 0.
+        The mean difference and its interval; NaN throughout for n = 0. The ends are NaN where all seeds differ by the
+        same: seeds of one mind leave no spread to measure.
     """
     d = np.asarray(x, dtype=float) - np.asarray(y, dtype=float)
     if d.size == 0:
         return Interval(float("nan"), float("nan"), float("nan"))
     mean, low, high = mean_band(d)
+    if np.ptp(d) <= ROUNDING * max(np.abs(x).max(), np.abs(y).max()):
+        return Interval(float(mean), float("nan"), float("nan"))
     return Interval(float(mean), float(low), float(high))
 
 

@@ -45,7 +45,7 @@ def _slots(word: str) -> tuple[str, ...]:
 
 def said(word: str, slot: str, overrides: Sequence[str], config_dirs: Sequence[str]) -> str:
     """That a word has no effect in a job, and with which methods it would have one."""
-    method = registry.chosen("method", overrides) or "the default"
+    method = registry.compose(overrides, config_dirs)["method"]
     others = [text for text in overrides if registry.parse(text).key_or_group in ("experiment", "env", "feedback")]
     with_it = [
         name

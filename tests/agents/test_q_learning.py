@@ -13,7 +13,7 @@ from credit.core.policy import TablePolicy
 from credit.core.problem import Problem
 from credit.core.seams import CreditAssigner
 from credit.core.store import Store
-from credit.core.windows import Windows
+from credit.core.windows import Episode, Windows
 from credit.rivals.rules import Delayed, Uniform
 
 Make = Callable[..., Problem]
@@ -111,3 +111,26 @@ def test_copies_explore_each_for_itself(make_problem: Make) -> None:
     assert abs(share - (2 / 3) ** 4) < 0.04
     one_by_one = [acted(alone, torch.zeros(3000, dtype=torch.int64)) for _ in range(4)]
     assert torch.equal(actions, torch.stack(one_by_one, dim=1))  # as the same many steps of one copy
+
+
+def test_episodes_of_any_length_equal_a_plain_loop() -> None:
+    problem = replace(Problem.finite(5, 2, 4, (0, 1), "cpu", True), even=False)
+    generator = torch.Generator().manual_seed(3)
+
+    def episode(length: int, terminated: bool) -> Episode:
+        states = torch.randint(5, (length + 1,), generator=generator)
+        return Episode(states[:-1], torch.randint(2, (length,), generator=generator), states[1:], terminated)
+
+    ends = [[(2, True), (4, False)], [(4, True), (3, False)]]  # of 4 steps at most; the last one was cut short
+    episodes = [[episode(*end) for end in own] for own in ends]
+    labels = torch.tensor([[1.0, -2.0], [3.0, 0.5]], dtype=torch.float64)
+    found = learned(problem, QLearning(0.3, 0.9), [Windows.of_episodes(episodes, labels)] * 2, Delayed())
+    for replica, own in enumerate(episodes):
+        q = [[0.0] * 2 for _ in range(5)]
+        for _ in range(2):
+            for part, label in zip(own, labels[replica].tolist(), strict=True):
+                for t, (s, a, then) in enumerate(zip(*(column.tolist() for column in part[:3]), strict=True)):
+                    last = t == len(part.states) - 1
+                    behind = 0.0 if (last and part.terminated) or t == 3 else max(q[then])
+                    q[s][a] += 0.3 * (label * last + 0.9 * behind - q[s][a])
+        torch.testing.assert_close(found[replica], torch.tensor(q, dtype=torch.float64), atol=1e-12, rtol=1e-12)

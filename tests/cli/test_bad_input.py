@@ -63,6 +63,8 @@ CASES = {
     ),
     "missing value": ((TRAIN, "mixer.alpha=???"), ["mixer.alpha", "missing", "float > 0"]),
     "missing part": ((TRAIN, "~agent"), ["agent", "trainer needs one"]),
+    "missing model": ((TRAIN, "~reward@reference"), ["reference", "add reward@reference=<option>"]),
+    "parts of a list": ((TRAIN, "~bonus"), ["'~bonus'", "bonus=[]"]),
     "parts that do not fit": (
         (TRAIN, "agent=sac"),
         ["agent: SAC needs", "vectors (Box)"],
@@ -80,8 +82,8 @@ CASES = {
         ["1296 states", "transition=observed_counts"],
     ),
     "a continuing planner in episodes": (
-        (TRAIN, "experiment=sepsis", "method=delayed", "agent=q_learning"),
-        ["agent: QLearning needs a task that is continuing, and this one is episodic"],
+        (TRAIN, "experiment=sepsis", "method=block", "agent=block_ucb"),
+        ["agent: BlockUCB needs a task that is continuing, and this one is episodic"],
     ),
     "a key of an older version": ((TRAIN, "tuned.mixer_alpha=.3"), ["tuned.mixer_alpha=.3", "now mixer.alpha"]),
     "a key of a group's older name": (

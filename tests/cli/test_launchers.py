@@ -181,6 +181,9 @@ def test_the_launcher_that_is_taken_where_none_was_chosen(monkeypatch):
     chosen = ["hydra/launcher=local", "hydra.launcher.n_jobs=1"]
     assert launchers.choose(chosen, 9, False) == chosen
     assert launchers.choose(["hydra/launcher=basic"], 9, False) == ["hydra/launcher=basic"]
+    workers = "hydra.launcher.n_jobs=2"
+    monkeypatch.setattr(launchers, "_cores", lambda: 1)
+    assert launchers.choose([workers], 9, False) == [workers, "hydra/launcher=local"]
 
 
 def test_the_board(tmp_path):

@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 
 import credit as package
+from credit.runs.session import Session
 
 ROOT = Path(package.__file__).resolve().parents[1]
 WORDS = ("method=disagreement", "replicas=2", "trainer.steps=1400", "checkpoint_seconds=0", "tracking=none")
@@ -154,6 +155,11 @@ def test_what_cannot_be_resumed(credit, folder):
         assert ended.code == 2
         assert expected in ended.err
     assert [path.name for path in folder.iterdir()] == ["empty"]
+    session = Session.begin(folder, "job", "advertiser", ["train", "method=delayed"], None, [])
+    ended = credit("resume", str(session.folder))
+    assert ended.code == 2
+    assert "`credit train method=delayed` is still at work (process " in ended.err
+    session.finish("FINISHED")
     assert credit("resume", "--help").out.startswith("usage: credit resume DIR")
 
 

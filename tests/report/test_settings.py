@@ -163,7 +163,7 @@ def test_a_class_that_moved_is_the_same_and_one_of_another_package_is_not():
 
 
 def test_names_can_be_file_names_and_are_never_the_same():
-    assert names(text({"_target_": "their.HTTPOutcome"})) == ["httpoutcome"]
+    assert names(text({"_target_": "their.HTTPOutcome"})) == ["http_outcome"]
     odd = [text({"_target_": "credit.Rule", "path": path}) for path in ("a/b c", "d", "a/b-c")]
     found = names(*odd)
     assert found[1] == "rule-path=d"

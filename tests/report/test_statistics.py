@@ -63,9 +63,17 @@ def test_iqm_interval_agrees_with_scipys_bootstrap():
 
 
 def test_iqm_interval_is_stratified_by_task():
-    # Every seed of a task is the same, so resampling within tasks cannot change anything.
-    scores = np.repeat([[0.0], [10.0]], 6, axis=1)
-    assert iqm_interval(scores) == Interval(5.0, 5.0, 5.0)
+    # The seeds of a task hardly differ, so resampling within tasks changes hardly anything.
+    scores = np.array([[0.0, 0.1, 0.0, 0.1, 0.0, 0.1], [10.0, 10.1, 10.0, 10.1, 10.0, 10.1]])
+    found = iqm_interval(scores)
+    assert 4.9 < found.low < found.high < 5.2
+
+
+def test_seeds_of_one_mind_leave_no_spread_to_measure():
+    found = iqm_interval(np.repeat([[0.0], [10.0]], 6, axis=1)), paired_difference([3.0, 5.0], [1.0, 3.0])
+    assert [interval.value for interval in found] == [5.0, 2.0]
+    assert np.isnan([ends for interval in found for ends in interval[1:]]).all()
+    assert not found[1].excludes_zero
 
 
 def test_bootstrap_is_seeded():

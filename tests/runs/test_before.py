@@ -11,8 +11,9 @@ import yaml
 import credit
 from credit import renamed
 from credit.config import files, kinds, registry, schema
-from credit.config.identity import identity, registered_name
+from credit.config.identity import identity
 from credit.core.errors import UserError
+from credit.core.naming import registered_name
 from credit.report.compare import compare
 from credit.report.runs import load_runs
 from credit.runs import folders, job
@@ -93,7 +94,7 @@ def test_an_old_target_is_answered() -> None:
 def test_registered_names_are_unique_within_their_kind() -> None:
     names: dict[tuple[str, str], type] = {}
     for kind, cls in CLASSES:
-        assert names.setdefault((kind, registered_name(cls)), cls) is cls
+        assert names.setdefault((kind, registered_name(cls.__module__, cls.__name__)), cls) is cls
 
 
 def test_paths_titles_and_circumstances_are_no_part_of_an_identity() -> None:
@@ -116,7 +117,7 @@ def test_a_class_of_another_package_bears_its_name() -> None:
         """A class."""
 
     Mine.__module__ = "somebody.parts"
-    assert registered_name(Mine) == "somebody:mine"
+    assert registered_name(Mine.__module__, Mine.__name__) == "somebody:mine"
 
 
 @pytest.mark.parametrize(

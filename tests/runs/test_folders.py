@@ -9,8 +9,9 @@ import pytest
 
 import credit
 from credit.config import schema
-from credit.config.identity import namesakes, registered_name
+from credit.config.identity import namesakes
 from credit.core.errors import UserError
+from credit.core.naming import registered_name
 from credit.recovery.bonuses import Count
 from credit.runs.journal import read_json
 from credit.runs.resume import interrupted
@@ -58,7 +59,7 @@ def test_two_classes_of_one_name_are_told_apart(monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr(schema, "resolve", resolve)
     nodes = {name: {"bonus": {"count": {"_target_": name}}} for name in (*known, "shop.gone.Season")}
-    assert registered_name(coarse) == registered_name(fine) == "shop:season"
+    assert registered_name("shop.coarse", "Season") == registered_name("shop.fine", "Season") == "shop:season"
     two = ("shop.coarse.Season", "shop.fine.Season")
     assert list(namesakes(nodes[two[0]], nodes[two[1]])) == [two]
     assert not list(namesakes(nodes[two[1]], nodes["shop.moved.Season"]))

@@ -86,7 +86,7 @@ class OutcomeEnvironment(ExactEnvironment):
     """
 
     setting: ClassVar = "episodic"
-    keeps: ClassVar = (*ExactEnvironment.keeps, "_noise")
+    keeps: ClassVar = (*ExactEnvironment.keeps, "_noise", "_noises")
     horizon: int
     sizes: tuple[int, int]
 
@@ -130,7 +130,8 @@ class OutcomeEnvironment(ExactEnvironment):
         self._cumulative = cumulative(mdp.probabilities).to(problem.device)
         self._deviation = mdp.deviation.to(problem.device) if mdp.deviation.any() else None
         self._final = mdp.final.to(problem.device)
-        self._noise = Stream(problem, f"reward, {purpose}", "normal", copies)
+        self._noise = Stream(problem, f"reward, {purpose}", "normal", copies * problem.window)
+        self._noises: tuple[Tensor, ...] = ()  # of a window, [R, K] a step
 
     def step(self, actions: Tensor, mask: Tensor | None = None) -> Transitions:
         """Draw s' from P(·|s, a), and see whether the episode ends there."""
@@ -141,7 +142,9 @@ class OutcomeEnvironment(ExactEnvironment):
         which = successor(self._cumulative[row], uniform)
         rewards = self._rewards[row, which]
         if self._deviation is not None:
-            rewards = rewards + self._deviation[row] * self._noise.next()
+            if self._used == 0:  # as the numbers of the steps, so that none depends on how long others last
+                self._noises = self._noise.next().view(*row.shape, -1).movedim(2, 0).unbind()
+            rewards = rewards + self._deviation[row] * self._noises[self._used]
         return self._successors[row, which], rewards
 
     def truth(self, objective: str, window: int) -> EpisodicTruth | None:
