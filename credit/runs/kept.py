@@ -10,8 +10,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from credit.config.identity import registered_name
 from credit.core.errors import UserError
+from credit.core.naming import registered_name
 from credit.core.problem import Problem
 from credit.core.seams import Agent
 from credit.data import tables
@@ -95,7 +95,7 @@ def begin_with(policy: str, agent: Agent, problem: Problem) -> None:
 def _facts(agent: Agent, problem: Problem) -> dict[str, Any]:
     """What must be the same where a policy is saved and where it goes on."""
     return {
-        "agent": registered_name(type(agent)),
+        "agent": registered_name(type(agent).__module__, type(agent).__name__),
         "observations": str(problem.observation_space),
         "actions": str(problem.action_space),
         "seeds": problem.replicas,
