@@ -21,11 +21,29 @@ from credit.core.windows import Windows
 from credit.data.logged import Logged
 from credit.envs.rolling import Rolling
 
+Found = tuple[Windows, Tensor | None]  # and the primitive reward of each row, where it is known
 SEED = reset_seed(0, "demonstrations", 0, 0)  # all replicas are given the same noise of labels, and none of their own
 
 
-def windows_of(logged: Logged, feedback: Feedback, problem: Problem) -> tuple[Windows, Tensor | None]:
+def windows_of(logged: Logged, feedback: Feedback, problem: Problem) -> Found:
     """The windows of logged steps, the same for every replica, and r [R, n] of their rows, where it is known.
+
+    Args:
+        logged, feedback, problem: as in `alone`.
+    """
+    return for_all(alone(logged, feedback, problem), problem.replicas)
+
+
+def for_all(found: Found, replicas: int) -> Found:
+    """Windows of one replica, and their rewards, for R of them."""
+    windows, primitive = found
+    parts: dict[str, Any] = {field.name: getattr(windows, field.name) for field in fields(windows)}
+    every: dict[str, Any] = {name: _repeated(x, replicas) if isinstance(x, Tensor) else x for name, x in parts.items()}
+    return Windows(**every), None if primitive is None else _repeated(primitive, replicas)
+
+
+def alone(logged: Logged, feedback: Feedback, problem: Problem) -> Found:
+    """The windows of logged steps of one replica, whatever its seed, and r [1, n] of their rows, where it is known.
 
     Labels that came with the steps stay; else the feedback makes them of the rewards, all of them at once: what is late
     in a run has come. Windows lie inside episodes. Where a problem's windows all have T steps and a label, what an
@@ -37,8 +55,8 @@ def windows_of(logged: Logged, feedback: Feedback, problem: Problem) -> tuple[Wi
     Raises:
         UserError: windows that this run cannot have; labels that must be bits, and are not; nothing is left.
     """
-    alone = replace(problem, seeds=(SEED,))
-    windows, primitive = _given(logged, alone) if logged.labels is not None else _made(logged, feedback, alone)
+    one = replace(problem, seeds=(SEED,))
+    windows, primitive = _given(logged, one) if logged.labels is not None else _made(logged, feedback, one)
     if problem.labels == "bits" and (odd := ~((windows.labels == 0) | (windows.labels == 1))).any():
         raise UserError(
             f"{logged.source}: a label is {float(windows.labels[odd][0]):g}, and this feedback's are bits: allowed are "
@@ -46,14 +64,11 @@ def windows_of(logged: Logged, feedback: Feedback, problem: Problem) -> tuple[Wi
         )
     if problem.even:
         windows, primitive = _even(windows, primitive, logged, problem)
-    check_windows(windows, alone)
-    count = problem.replicas
-    parts: dict[str, Any] = {field.name: getattr(windows, field.name) for field in fields(windows)}
-    every: dict[str, Any] = {name: _repeated(x, count) if isinstance(x, Tensor) else x for name, x in parts.items()}
-    return Windows(**every), None if primitive is None else _repeated(primitive, count)
+    check_windows(windows, one)
+    return windows, primitive
 
 
-def _given(logged: Logged, problem: Problem) -> tuple[Windows, Tensor | None]:
+def _given(logged: Logged, problem: Problem) -> Found:
     """Windows [1, K] with the labels that came with the steps."""
     assert logged.labels is not None
     assert logged.closes is not None
@@ -91,9 +106,7 @@ def _made(logged: Logged, feedback: Feedback, problem: Problem) -> tuple[Windows
     return found
 
 
-def _even(
-    windows: Windows, primitive: Tensor | None, logged: Logged, problem: Problem
-) -> tuple[Windows, Tensor | None]:
+def _even(windows: Windows, primitive: Tensor | None, logged: Logged, problem: Problem) -> Found:
     """The windows [1, K] of T steps, as a grid."""
     length, lengths = problem.window, windows.lengths[0]
     if logged.labels is not None:
