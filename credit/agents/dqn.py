@@ -30,8 +30,8 @@ class DQN(Agent):
 
     Q(s, t, ·) is a network on φ(s) and the step t (one-hot where states are numbers, t/T where they are vectors),
     fitted by Adam to targets (1−m)·(r + γ Q⁻(s', t+1, a*)) + m·G with G the return to the end of the episode. Nothing
-    lies behind a terminated step, nor behind step T: there, the target is r. Actions are numbers, states numbers or
-    vectors.
+    lies behind a terminated step, nor behind step T: there, the target is r. Not `timed`, it is Q(s, ·), and step T is
+    a time limit, behind which the task would go on. Actions are numbers, states numbers or vectors.
 
     Args:
         features: φ, what the network sees of a state; None for all of it: one-hot, or the vector as it is.
@@ -50,6 +50,7 @@ class DQN(Agent):
         monte_carlo: m, the share of the return in the target.
         double: whether a* is the network's choice (double DQN) or that of the target network itself.
         loss: squared error, or smooth_l1, which is linear beyond an error of 1.
+        timed: whether values depend on the step.
 
     Raises:
         UserError: ε would rise.
@@ -78,6 +79,7 @@ class DQN(Agent):
         monte_carlo: Probability = 0.0,
         double: bool = True,
         loss: Literal["l2", "smooth_l1"] = "l2",
+        timed: bool = True,
     ) -> None:
         if epsilon_floor > epsilon:
             raise UserError(
@@ -99,6 +101,7 @@ class DQN(Agent):
         self.monte_carlo = monte_carlo
         self.double = double
         self.loss = loss
+        self.timed = timed
 
     def start(self, problem: Problem) -> None:
         """Random networks, nothing to replay."""
@@ -106,7 +109,7 @@ class DQN(Agent):
         if self.features is not None:
             self.features.start(problem)
         kind = Moments if problem.finite_states else Vectors
-        self._view: Moments | Vectors = kind(problem, self.features)
+        self._view: Moments | Vectors = kind(problem, self.features, self.timed)
         self._online = ReplicaMLP(problem, self._view.size, problem.actions, self.hidden, "action values")
         self._target = deepcopy(self._online)
         self._adam = torch.optim.Adam(self._online.parameters(), lr=self.learning_rate)
@@ -156,7 +159,9 @@ class DQN(Agent):
         """One gradient step on B steps of every replica."""
         assert batch.step is not None
         after = batch.step + 1 if batch.after is None else batch.after
-        over = (batch.discount == 0) | (after >= self._problem.horizon)  # no network has seen what is behind step T
+        over = batch.discount == 0
+        if self.timed:  # no network has seen what is behind step T
+            over = over | (after >= self._problem.horizon)
         ahead = self._ahead(self._view(batch.ahead, after)).masked_fill(over, 0)
         discount = self.discount if batch.after is None else batch.discount
         goal = targets(batch.returns, ahead, batch.outcome, discount, self.monte_carlo).to(PRECISION)

@@ -16,47 +16,52 @@ class Moments:
     """States are numbers: φ(s), or s one-hot, and the one-hot step of a window.
 
     Args:
-        problem: sizes. features: φ, started; None for one-hot states.
+        problem: sizes. features: φ, started; None for one-hot states. timed: whether the step is seen.
 
     Attributes:
         size: how many numbers that is.
     """
 
-    def __init__(self, problem: Problem, features: FeatureMap | None) -> None:
-        self._problem = problem
+    def __init__(self, problem: Problem, features: FeatureMap | None, timed: bool = True) -> None:
+        self._problem, self._timed = problem, timed
         states = torch.arange(problem.states, device=problem.device)
         nothing = torch.zeros_like(states)
         if features is None:
             seen = torch.eye(problem.states, dtype=PRECISION, device=problem.device)
         else:
             seen = features(Steps(states, nothing, nothing, nothing)).to(PRECISION)
-        clock = torch.eye(problem.horizon, dtype=PRECISION, device=problem.device)
-        # of every moment t·S + s [T·S, d+T]
-        self._inputs = torch.cat([seen.repeat(problem.horizon, 1), clock.repeat_interleave(len(states), dim=0)], dim=1)
+        self._inputs = seen
+        if timed:  # of every moment t·S + s [T·S, d+T]
+            clock = torch.eye(problem.horizon, dtype=PRECISION, device=problem.device)
+            seen, clock = seen.repeat(problem.horizon, 1), clock.repeat_interleave(len(states), dim=0)
+            self._inputs = torch.cat([seen, clock], dim=1)
         self.size = self._inputs.shape[1]
 
     def __call__(self, states: Tensor, step: Tensor) -> Tensor:
         """Inputs [..., size] for states [...] at steps [...]; behind the last step, the last one stands in."""
+        if not self._timed:
+            return self._inputs[states]
         return self._inputs[step.clamp(max=self._problem.horizon - 1) * self._problem.states + states]
 
     def greedy(self, values: ReplicaMLP) -> Policy:
         """The best action in every moment, as a table."""
-        best = values.best(self._inputs).view(-1, self._problem.horizon, self._problem.states)
-        return TablePolicy(best, self._problem.actions)
+        best = values.best(self._inputs)
+        moments = (self._problem.horizon, self._problem.states) if self._timed else (self._problem.states,)
+        return TablePolicy(best.view(-1, *moments), self._problem.actions)
 
 
 class Vectors:
     """States are vectors: φ(s), or s as it is, and the share of the window that is over.
 
     Args:
-        problem: sizes. features: φ, started; None for the vectors themselves.
+        problem: sizes. features: φ, started; None for the vectors themselves. timed: whether that share is seen.
 
     Attributes:
         size: how many numbers that is.
     """
 
-    def __init__(self, problem: Problem, features: FeatureMap | None) -> None:
-        self._problem, self._features = problem, features
+    def __init__(self, problem: Problem, features: FeatureMap | None, timed: bool = True) -> None:
+        self._problem, self._features, self._timed = problem, features, timed
         blank = problem.blank()
         self.size = self(blank.states, blank.times).shape[-1]
 
@@ -66,6 +71,8 @@ class Vectors:
         if self._features is not None:
             nothing = torch.zeros_like(step)
             seen = self._features(Steps(states, nothing, states, step))
+        if not self._timed:
+            return seen.to(PRECISION)
         share = step.unsqueeze(-1) / self._problem.horizon
         return torch.cat([seen.to(PRECISION), share.to(PRECISION)], dim=-1)
 

@@ -458,3 +458,16 @@ def test_bad_input(composed: Callable[..., dict[str, Any]], override: str, words
         composed("experiment=sepsis", "method=delayed", "agent=dqn", override)
     assert all(word in str(refused.value) for word in words)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("timed", [True, False])
+def test_a_time_limit_is_no_end(make_problem: Make, timed: bool) -> None:
+    # One state for ever, r = 1, γ = ½: without a clock it is worth 1/(1 − ½), with one 1 in the last step of four.
+    problem = episodic(make_problem((0,), states=1, actions=1, window=4))
+    nothing = torch.zeros(4, dtype=torch.int64)
+    windows = Windows.of_episodes([[Episode(nothing, nothing, nothing)]], torch.full((1, 1), 4.0).double())
+    learner = DQN(timed=timed, discount=0.5, updates=40, target_sync=10, hidden=(8,), learning_rate=0.02)
+    learned(problem, learner, [windows] * 8, Uniform())
+    last = learner._online(learner._view(torch.zeros(1, 1, dtype=torch.int64), torch.full((1, 1), 3)))
+    assert float(last.detach()) == pytest.approx(1.0 if timed else 2.0, abs=0.1)
+    assert learner.policies()["greedy"].probabilities(torch.zeros(1, dtype=torch.int64), 3) is not None
