@@ -19,7 +19,6 @@ from torch import Tensor
 from credit.core.errors import UserError
 from credit.core.problem import Problem
 
-BOUND = 1e-5  # of a bound, by which what was recorded in single precision may go over it
 LARGEST = 100_000  # values that a space may have and still be a number
 View = Literal["auto", "number", "vector"]
 
@@ -53,14 +52,6 @@ class Actions(ABC):
     @abstractmethod
     def __call__(self, actions: Tensor) -> Tensor:
         """Numbers [...] or vectors [..., A] → actions [..., *shape] of the environment's space."""
-
-    @abstractmethod
-    def inverse(self, values: Any) -> Tensor:
-        """Actions [n, *shape] of the environment's space → numbers [n] or vectors [n, A].
-
-        Raises:
-            UserError: they do not lie in that space.
-        """
 
 
 @dataclass(frozen=True)
@@ -164,16 +155,11 @@ class Choices(Actions):
         assert digits is not None, f"{space} is not finite"
         if digits.count > LARGEST:
             raise UserError(f"action space {space} has {digits.count} values, at most {LARGEST} are counted")
-        self._digits, self._space, self.space = digits, space, Discrete(digits.count)
+        self._digits, self.space = digits, Discrete(digits.count)
 
     def __call__(self, actions: Tensor) -> Tensor:
         """Actions [..., *shape] int64 of numbers [...]."""
         return self._digits.values(actions)
-
-    def inverse(self, values: Any) -> Tensor:
-        """Numbers [n] int64 of actions [n, *shape]."""
-        found = require("action", self._space, values)
-        return self._digits.number(found)
 
 
 class Scaled(Actions):
@@ -190,7 +176,6 @@ class Scaled(Actions):
                 "the environment so that it has (gymnasium.wrappers.RescaleAction, ClipAction or TransformAction)"
             )
         self._low, self._high = (torch.from_numpy(np.asarray(part, np.float64)) for part in (space.low, space.high))
-        self._space = space
         self._whole, self._kind = np.issubdtype(space.dtype, np.integer), torch.from_numpy(space.low[..., None]).dtype
         self.space = Box(-1.0, 1.0, (prod(space.shape),))
 
@@ -200,13 +185,6 @@ class Scaled(Actions):
         share = (actions.clamp(-1, 1).to(low.dtype).reshape(*actions.shape[:-1], *low.shape) + 1) / 2
         value = torch.lerp(low.expand_as(share), high.expand_as(share), share)
         return value.round().long() if self._whole else value.to(self._kind)
-
-    def inverse(self, values: Any) -> Tensor:
-        """Vectors [n, A] float32 in [−1, 1] of actions [n, *shape]."""
-        found = torch.from_numpy(require("action", self._space, values).astype(np.float64))
-        span = self._high - self._low
-        share = torch.where(span > 0, (found - self._low) / span.where(span > 0, 1.0), 0.5)
-        return (2 * share - 1).clamp(-1, 1).flatten(1).float()
 
 
 def observations(space: Space[Any], as_: View = "auto") -> Observations:
@@ -241,44 +219,6 @@ def actions(space: Space[Any]) -> Actions:
         f"action space {space}: agents act in Discrete, MultiDiscrete, MultiBinary and bounded Box spaces; wrap the "
         "environment so that it has one of these (gymnasium.wrappers.TransformAction)"
     )
-
-
-def require(name: str, space: Space[Any], values: Any) -> Any:
-    """Values [n, *shape] of a space, as arrays of that shape.
-
-    Args:
-        name: what messages call them. space: any but those with values of different sizes. values: of n steps; a `Dict`
-            is a mapping of such arrays, a `Tuple` a tuple of them.
-
-    Raises:
-        UserError: they have another shape, or one does not lie in the space; with its part and row.
-    """
-    nested = isinstance(space, (Dict, Tuple))
-    if nested or isinstance(values, (Mapping, tuple)):
-        inner = dict(space.spaces if isinstance(space, Dict) else enumerate(getattr(space, "spaces", ())))
-        there = list(values if isinstance(values, Mapping) else range(len(values) if isinstance(values, tuple) else 0))
-        if not nested or isinstance(values, Mapping) != isinstance(space, Dict) or not set(inner) <= set(there):
-            raise UserError(f"{name} has the parts {there}, and here it must be of {space}")
-        parts = {key: require(f"{name}[{key!r}]", part, values[key]) for key, part in inner.items()}
-        return parts if isinstance(space, Dict) else tuple(parts.values())
-    found, shape = np.asarray(values), space.shape or ()
-    if found.dtype.kind not in "biuf" or found.size != len(found) * prod(shape):
-        raise UserError(
-            f"{name} has the shape {list(found.shape[1:])} of {found.dtype}, and here it must be of {space}"
-        )
-    found = found.reshape(len(found), *shape)
-    if isinstance(space, Box):
-        slack = BOUND * np.maximum(1, np.abs(np.where(np.isfinite(space.high), space.high, 1)))
-        good = np.isfinite(found) & (found >= space.low - slack) & (found <= space.high + slack)
-    else:
-        digits = Digits.of(space)
-        assert digits is not None
-        flat = np.asarray(digits.flat(np.round(found)))
-        good = (np.round(found) == found).reshape(flat.shape) & (flat >= 0) & (flat < digits.base.numpy())
-    if not (right := good.reshape(len(found), -1).all(-1)).all():
-        row = int((~right).argmax())
-        raise UserError(f"{name} of row {row} is {found[row].tolist()}, and here it must be of {space}")
-    return found if isinstance(space, Box) else found.astype(np.int64)
 
 
 def problem(

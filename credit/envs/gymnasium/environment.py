@@ -19,7 +19,7 @@ from credit.core.seams import Environment, Transitions
 from credit.core.state import pack, same, unpack
 from credit.core.streams import reset_seed
 from credit.core.truth import EpisodicTruth
-from credit.envs import spaces
+from credit.envs import inverse, spaces
 from credit.envs.gymnasium.copies import Copies, Here, Make, Raised
 from credit.envs.gymnasium.listed import Listed
 from credit.envs.gymnasium.making import make
@@ -249,11 +249,11 @@ class Gymnasium(Environment):
 
     def states_of(self, observations: Any) -> Tensor:
         """Encoded observations."""
-        return self._encoders[0](spaces.require("observation", self._one.observation_space, observations))
+        return self._encoders[0](inverse.require("observation", self._one.observation_space, observations))
 
     def actions_of(self, actions: Any) -> Tensor:
         """Numbers, or vectors in [−1, 1]."""
-        return self._encoders[1].inverse(actions)
+        return inverse.actions_of(self._one.action_space, actions)
 
     def recorded(self, actions: Tensor) -> Tensor:
         """As the environment's space has them."""
