@@ -53,7 +53,7 @@ class Server:
             )
         end = time.monotonic() + START_SECONDS
         while time.monotonic() < end:
-            with suppress(OSError), urllib.request.urlopen(f"{self.uri}/health", timeout=1):
+            with suppress(OSError), urllib.request.urlopen(f"{self.uri}/health", timeout=10):
                 return
             time.sleep(0.2)
         self.stop()
