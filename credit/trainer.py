@@ -14,7 +14,7 @@ from credit.agents.random import Random
 from credit.core.belief import Belief
 from credit.core.capabilities import parts_of, require
 from credit.core.component import Component
-from credit.core.errors import RunError
+from credit.core.errors import RunError, UserError
 from credit.core.knowledge import inform
 from credit.core.ranges import NonNegativeInt, PositiveInt
 from credit.core.seams import Agent, CreditAssigner, Environment, Feedback
@@ -102,8 +102,25 @@ class Trainer(Component):
         self._shows_primitive = any(part.sees_primitive for _, part in parts)
         self.rounds = 0  # that were learned from
         self.given = 0  # windows of demonstrations
+        self._given: tuple[Windows, Tensor | None] | None = None  # what `give` was told
         self._seen = 0  # of what is collected, what was learned from
         self.collected = 0  # windows of each replica, or steps, without demonstrations
+
+    def give(self, windows: Windows, primitive: Tensor | None = None) -> None:
+        """Learn from these before the first round, behind what the environment demonstrates; no judge sees them.
+
+        Args:
+            windows: of every replica, as this run's own are. primitive: their rewards r [R, n], where they are known.
+
+        Raises:
+            UserError: a part is shown r, and nobody knows it.
+        """
+        if primitive is None and self._shows_primitive:
+            raise UserError(
+                "a part of this method is shown the primitive reward of every step, and demonstrations with labels "
+                "alone have none; give them with a column reward, or choose another method"
+            )
+        self._given = windows, primitive
 
     def run(
         self,
@@ -123,12 +140,14 @@ class Trainer(Component):
             RunError: a label is NaN or infinite, or a network is.
         """
         plan = self.plan
-        demonstrations = None if self.rounds else self.env.demonstrations()
-        if demonstrations is not None:
-            self._learn(*demonstrations)
+        if not self.rounds:
+            for demonstrations in (self.env.demonstrations(), self._given):
+                if demonstrations is not None:
+                    self._learn(*demonstrations)
             self.given = len(self.store)
-            log(0, self.metrics())
-            between()
+            if self.given:
+                log(0, self.metrics())
+                between()
         while self.collected < plan.whole:
             before, count = self.collected, plan.size(self.collected)
             actor = self._actor()
@@ -172,7 +191,9 @@ class Trainer(Component):
         self.judge.update(windows, primitive, actor)
         return windows, primitive
 
-    def _learn(self, windows: Windows, primitive: Tensor, checked: bool = False, taken: int | None = None) -> None:
+    def _learn(
+        self, windows: Windows, primitive: Tensor | None, checked: bool = False, taken: int | None = None
+    ) -> None:
         self.store.append(replace(windows, primitive=primitive) if self._shows_primitive else windows, checked, taken)
         try:
             self.assigner.observe(self.store)

@@ -23,7 +23,7 @@ Usage: credit compare [KEY=VALUE ...]
   slug=A,B               only these variants; `default` has no overrides (all)
   feedback=A,B           only these settings; each is compared by itself (all)
   env.KEY=VALUE          only settings with this value, also of
-                         feedback.KEY and of trainer.KEY                 (all)
+                         feedback.KEY, trainer.KEY, demonstrations_from  (all)
   commit=A,B             only runs of these commits, by first digits     (all)
   seed=N                 the first seed                                  (all)
   replicas=N             how many seeds from there (or 0) on             (all)
@@ -107,7 +107,7 @@ def split_settings(argv: list[str]) -> tuple[list[str], dict[str, Any]]:
     words, where = list[str](), dict[str, Any]()
     for word in argv:
         key, equals, text = word.partition("=")
-        if not (equals and key.startswith(("env.", "feedback.", "trainer."))):
+        if not (equals and key.startswith(("env.", "feedback.", "trainer.", "demonstrations_from"))):
             words.append(word)
             continue
         try:

@@ -13,7 +13,7 @@ from contextlib import suppress
 from typing import Any
 
 from credit.config import schema
-from credit.config.kinds import CIRCUMSTANCES, KINDS
+from credit.config.kinds import CIRCUMSTANCES, KINDS, STARTS
 from credit.core.errors import UserError
 from credit.core.naming import registered_name
 from credit.core.signatures import REQUIRED, signature
@@ -30,6 +30,7 @@ def identity(config: Mapping[str, Any]) -> str:
     """
     config = translated(config)
     kept = {slot: described(config[slot]) for slot in SLOTS if config.get(slot) and slot not in CIRCUMSTANCES}
+    kept |= {key: plain(config[key]) for key in STARTS if config.get(key) is not None}
     return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()[:12]
 
 

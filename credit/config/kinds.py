@@ -19,7 +19,9 @@ CIRCUMSTANCES = (
     "written_for",
     "checkpoint_rounds",
     "checkpoint_seconds",
+    "keep",
 )
+STARTS = ("demonstrations_from", "policy_from")  # plain keys that are part of what a run is, where they are given
 
 
 @dataclass(frozen=True)

@@ -221,4 +221,7 @@ def parse(text: str) -> Any:
         return OverridesParser.create().parse_override(text)
     except HydraException as error:
         why = str(error).strip().splitlines()[0]
-        raise UserError(f"{text!r} is no override ({why}); write group=option or key=value") from None
+        key, _, value = text.partition("=")
+        quoted = f"; a value with = in it, like a folder of runs, stands in quotes: '{key}=\"{value}\"'"
+        hint = quoted if "=" in value and '"' not in value else ""
+        raise UserError(f"{text!r} is no override ({why}); write group=option or key=value{hint}") from None

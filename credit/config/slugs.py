@@ -106,7 +106,7 @@ def _same(one: Any, other: Any) -> bool:
 
 def _text(value: Any) -> str:
     if isinstance(value, Mapping):
-        value = {key: _text(inner) for key, inner in value.items()}
+        value = {str(key): _text(inner) for key, inner in value.items()}
     return json.dumps(plain(value), sort_keys=True, default=repr)
 
 

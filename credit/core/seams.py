@@ -18,6 +18,7 @@ from torch import Tensor
 from credit.core.belief import Belief, Estimate
 from credit.core.cells import PAIRS, Axis, Cells
 from credit.core.component import Component
+from credit.core.errors import UserError
 from credit.core.policy import Policy
 from credit.core.problem import LabelKind, Problem
 from credit.core.state import Stateful
@@ -414,6 +415,28 @@ class Environment(Component):
             UserError: P and r are known, but not what this objective comes to.
         """
         return None
+
+    def states_of(self, observations: Any) -> Tensor:
+        """States [n, ...] as learners see them, of what was recorded in this environment's own observation space.
+
+        Raises:
+            UserError: that is of another space. By default they must be as learners see them.
+        """
+        if isinstance(observations, (Mapping, tuple)):
+            raise UserError(f"observations have parts, and {type(self).__name__} knows none")
+        return torch.as_tensor(observations)
+
+    def actions_of(self, actions: Any) -> Tensor:
+        """What an agent does, of actions [n, ...] that were recorded in this environment's own action space.
+
+        Raises:
+            UserError: they are of another space.
+        """
+        return torch.as_tensor(actions)
+
+    def recorded(self, actions: Tensor) -> Tensor:
+        """The other way round: actions in the environment's own space, of what an agent does."""
+        return actions
 
     def demonstrations(self) -> tuple[Windows, Tensor] | None:
         """Labelled windows that every method starts from, and their primitive rewards [R, n]; none by default."""

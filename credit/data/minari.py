@@ -18,11 +18,16 @@ class Recorded(NamedTuple):
 
     Attributes:
         number: of the episode in its dataset. observations: [L + 1, ...], or name → that, nested as the space is.
+        rewards: r [L]. terminated: whether nothing lies behind the last step.
+        success: whether each step is one [L], None where the dataset does not say.
     """
 
     number: int
     observations: Any
     actions: NDArray[Any]
+    rewards: NDArray[Any]
+    terminated: bool
+    success: NDArray[Any] | None
 
 
 def episodes(source: str | Path, limit: int | None = None) -> Iterator[Recorded]:
@@ -45,7 +50,15 @@ def episodes(source: str | Path, limit: int | None = None) -> Iterator[Recorded]
                     f"{source}: episode {episode.id} with {steps} actions has {name} of shape {np.shape(part)}; there "
                     f"must be {steps + 1} rows, one before each action and one behind the last"
                 )
-        yield Recorded(int(episode.id), episode.observations, np.asarray(episode.actions))
+        told = (getattr(episode, "infos", None) or {}).get("success")
+        yield Recorded(
+            int(episode.id),
+            episode.observations,
+            np.asarray(episode.actions),
+            np.asarray(episode.rewards, dtype=float),
+            bool(np.asarray(episode.terminations)[-1]),
+            None if told is None else np.asarray(told)[-steps:].astype(bool),  # the first is of the reset
+        )
 
 
 def _opened(source: str | Path) -> Any:

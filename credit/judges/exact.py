@@ -176,7 +176,7 @@ class Episodic(_Exact):
     def __init__(self, problem: Problem, truth: EpisodicTruth) -> None:
         super().__init__(problem)
         self._truth = truth
-        self._value = problem.zeros()
+        self._value = torch.full_like(problem.zeros(), torch.nan)  # before any policy was executed
         self._regret = problem.zeros()
         self._area = problem.zeros()
         self._all: int | Tensor = 0  # episodes

@@ -28,10 +28,11 @@ SCHEDULE = (
     *("steps_per_round", "random_steps"),
 )
 TRAINER = "trainer"
+GIVEN = "demonstrations_from"  # steps that every method starts from: of the problem, where a run has them
 
 # tuned.window and tuned.noise reach nothing but the feedback
 _MAKES_SETTING = re.compile(
-    rf"[+~]*(({'|'.join(PROBLEM)})[.=@]|tuned\.(window|noise)=|{TRAINER}\.(?!({'|'.join(SCHEDULE)})=))"
+    rf"[+~]*(({'|'.join(PROBLEM)})[.=@]|tuned\.(window|noise)=|{TRAINER}\.(?!({'|'.join(SCHEDULE)})=)|{GIVEN}=)"
 )
 # a comma stands before another override only where a key follows: lists have commas too
 _BETWEEN = re.compile(r",(?=[+~]|[^,=]*=)")
@@ -90,7 +91,9 @@ def values_of(config: Mapping[str, Any]) -> dict[str, Any]:
     """
     budget = {key: value for key, value in config[TRAINER].items() if key not in (*SCHEDULE, "_target_")}
     nodes = {slot: {"_target_": config[slot]["_target_"], **config[slot]} for slot in PROBLEM}
-    return dict(sorted(pair for key, node in {**nodes, TRAINER: budget}.items() for pair in _flat(key, node)))
+    given = {} if config.get(GIVEN) is None else {GIVEN: config[GIVEN]}
+    slots = {**nodes, TRAINER: budget, **given}
+    return dict(sorted(pair for key, node in slots.items() for pair in _flat(key, node)))
 
 
 def name_settings(texts: Iterable[str]) -> dict[str, Setting]:
@@ -189,7 +192,7 @@ def describe(values: Values) -> str:
             parts.append(f"{root}={_end(values[root])}" + (f" ({listed})" if listed else ""))
         elif inner:
             parts.append(", ".join(f"{key}={value}" for key, value in inner.items()))
-    return "; ".join(parts)
+    return "; ".join([*parts, *([f"{GIVEN}={values[GIVEN]}"] if GIVEN in values else [])])
 
 
 def _none_has(texts: Iterable[str], where: Values, experiment: str) -> str:
@@ -246,7 +249,7 @@ def _telling(values: Values, every: Collection[Values]) -> list[str]:
     for slot in (*PROBLEM, TRAINER):
         alike = [other for other in every if other.get(slot) == values.get(slot)]
         found += [key for key in values if key.startswith(f"{slot}.") and not _shared(alike, key)]
-    return found
+    return [*found, *([GIVEN] if GIVEN in values and not _shared(every, GIVEN) else [])]
 
 
 def _file_name(name: str) -> str:

@@ -17,7 +17,7 @@ from credit.config.kinds import CIRCUMSTANCES, KINDS
 from credit.core.errors import Misfit, UserError
 from credit.core.ranges import NonNegative, NonNegativeInt, PositiveInt
 from credit.renamed import translated
-from credit.runs import rehearsal
+from credit.runs import rehearsal, starting
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,9 @@ class Job:
         checkpoint_rounds: rounds between two checkpoints, at least. checkpoint_seconds: and seconds.
         output: folder of all runs. rerun: compute again what is done. session: id of the `credit train`.
         slug: name of the folder of its runs, by what differs from the method.
+        demonstrations_from: steps that every replica is given before its first round: a file, a run's folder, or a
+            Minari dataset. policy_from: the folder of a run whose agent every seed goes on from.
+        keep: what its folders hold beyond figures: its steps, its policy.
         sweep: what becomes of a sweep's other jobs. written_for: the only experiment of a method, where it has one.
     """
 
@@ -45,6 +48,9 @@ class Job:
     rerun: bool = False
     session: str | None = None
     slug: str | None = None
+    demonstrations_from: str | None = None
+    policy_from: str | None = None
+    keep: list[Literal["steps", "policy"]] = field(default_factory=list)
     sweep: dict[Literal["on_error"], Literal["continue", "stop"]] = field(default_factory=dict)
     written_for: str | None = None
 
@@ -80,7 +86,10 @@ def check(config: Mapping[str, Any]) -> schema.Check:
             trainer = schema.build(config, "trainer")
             found.problems += rehearsal.problems(config, trainer)
             if not found.problems:
-                trainer.start((config["seed"],))
+                # a policy is one of as many seeds as the run has
+                trainer.start(Job.of(config).seeds if config.get("policy_from") else (config["seed"],))
+                starting.given(config, trainer)
+                starting.inherited(config, trainer)
                 found.remark = trainer.env.remark()
         except Misfit as error:
             found.problems += fitting.said(error, trainer.problem, trainer.env.knowledge())

@@ -12,7 +12,7 @@ import torch
 
 from credit.config import schema
 from credit.core.errors import UserError
-from credit.runs import checkpoint, folders, signals
+from credit.runs import checkpoint, folders, kept, signals, starting
 from credit.runs import job as jobs
 from credit.runs.artifacts import Recorder, write_arrays
 from credit.runs.journal import Journal, git_commit, settle, versions, write_atomically, write_json, write_yaml
@@ -44,16 +44,20 @@ class Work:
         self.trainer: Trainer = schema.build(config, "trainer")
         device = jobs.device(self.job.device, number)
         self.trainer.start(group.seeds, device)
+        digests = starting.given(config, self.trainer)
         self.recorder = Recorder(self.trainer)
         state = checkpoint.load(group.interrupted, device) if group.interrupted else None
         if state:
             self._go_on(state)
+        else:
+            starting.inherited(config, self.trainer)
         self._cpu = time.process_time() - (state["cpu_seconds"] if state else 0.0)
         self._file = found.of(group.seeds[0]) / checkpoint.NAME
         folders = [found.of(seed) if seed in group.wanted else None for seed in group.seeds]
         # before the record: whoever follows it must find no older journal
         self.journal = Journal(folders, state["journal"] if state else None)
-        self.record = JobRecord(session, number, time.time(), _facts(config, overrides, found, group, self.trainer))
+        facts = _facts(config, overrides, found, group, self.trainer, digests)
+        self.record = JobRecord(session, number, time.time(), facts)
         for seed in group.wanted:
             write_yaml(found.of(seed) / "config.yaml", {**config, "seed": seed, "replicas": 1, "rerun": False})
         self._saved, self._rounds = time.monotonic(), self.trainer.rounds
@@ -81,6 +85,10 @@ class Work:
                 if seed in self.group.wanted:
                     for name, arrays in self.recorder.files(index).items():
                         write_arrays(self.found.of(seed) / name, arrays)
+                    if "steps" in self.job.keep:
+                        kept.write_steps(trainer, self.found.of(seed), index)
+            if "policy" in self.job.keep:
+                kept.write_policy(trainer, self.found.of(self.group.wanted[0]))
             status = "FINISHED"
         except Exception as failure:  # a component may raise anything; the job says so, and a sweep goes on
             status, error = "FAILED", f"{type(failure).__name__}: {failure}"
@@ -159,7 +167,12 @@ class Work:
 
 
 def _facts(
-    config: Mapping[str, Any], overrides: Sequence[str], found: folders.Folders, group: folders.Group, trainer: Trainer
+    config: Mapping[str, Any],
+    overrides: Sequence[str],
+    found: folders.Folders,
+    group: folders.Group,
+    trainer: Trainer,
+    given: Mapping[str, str],
 ) -> dict[str, Any]:
     job = jobs.Job.of(config)
     return {
@@ -175,7 +188,10 @@ def _facts(
         "overrides": list(overrides),
         "data": {
             name: dict(zip(map(str, group.seeds), digests, strict=True))
-            for name, digests in trainer.env.digests().items()
+            for name, digests in {
+                **trainer.env.digests(),
+                **{name: [digest] * len(group.seeds) for name, digest in given.items()},
+            }.items()
         },
     }
 

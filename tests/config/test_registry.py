@@ -62,6 +62,7 @@ def test_overrides_win_over_the_method() -> None:
         ("methd=delayed", ["methd", "unknown key", "did you mean 'method'"]),
         ("seed", ["'seed'", "is no override", "key=value"]),
         ("seed=[1", ["seed=[1", "is no override"]),
+        ("policy_from=o/a=1/seed-0", ["stands in quotes", "'policy_from=\"o/a=1/seed-0\"'"]),
     ],
 )
 def test_what_cannot_be_composed_is_explained(override: str, said: list[str]) -> None:

@@ -41,6 +41,12 @@ def test_slugs(words: str, expected: str) -> None:
     assert slug(*words.replace(", ", ",").split()) == expected
 
 
+def test_keys_of_two_kinds_are_a_name_of_their_own() -> None:
+    words = ("method=disagreement", "+reward@surrogates.c=cells")
+    found = slug(*words, "surrogates.c.features.cells={0:5,a:3}")
+    assert found.startswith("reward@surrogates.c=cells,surrogates.c.features.cells=-0-5,a-3-")
+
+
 @pytest.mark.parametrize(
     "words",
     [

@@ -140,6 +140,7 @@ def test_episodes_at_once_or_one_by_one_are_the_same(problem: Problem) -> None:
 
 def test_before_the_first_episode_nothing_is_lost(problem: Problem) -> None:
     values = judge_of(problem, ADDITIVE).measure({}, None)
+    assert values.pop("return/policy").isnan().all()  # none was executed
     assert all(value.tolist() == [0, 0] for value in values.values())
 
 

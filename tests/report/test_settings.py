@@ -51,6 +51,7 @@ def names(*texts: str) -> list[str]:
         ("env.goal=7,10,env.maze=Large,trainer.steps=26400,tuned.window=440", "default"),
         ("env.successes=3,env=pointmaze,scaler=plain", "scaler=plain"),
         ("trainer.log_every=1,trainer.steps=70", "trainer.log_every=1"),
+        ("demonstrations_from=log.csv,policy_from=o-seed-0", "policy_from=o-seed-0"),
         ("tuned.mixer_alpha=1.0", "tuned.mixer_alpha=1.0"),
         ("+feedback.extra=1,feedback=terminal,~bonus.count", "~bonus.count"),
         ("environment.env.feedback=1,feedbacks=2", "environment.env.feedback=1,feedbacks=2"),
@@ -271,3 +272,18 @@ def test_a_run_without_its_configuration_is_named(output: Path, content: str):
     path.write_text(content, encoding="utf-8")
     with pytest.raises(UserError, match=r"seed-0 is marked as finished, but its config\.yaml cannot be used"):
         load_runs(output, "advertiser")
+
+
+def test_what_runs_start_from_makes_a_setting_where_it_is_given():
+    base = {"feedback": BLOCK_SUM, "env": ENV, "trainer": TRAINER}
+    without, none, given = (
+        json.dumps(values_of(config), sort_keys=True)
+        for config in (base, {**base, "demonstrations_from": None}, {**base, "demonstrations_from": "logs/a.csv"})
+    )
+    assert without == none != given
+    assert names(without, given) == ["block_sum", "block_sum-demonstrations_from=logs-a.csv"]
+    found = name_settings([without, given])[given]
+    assert found.words == "feedback=block_sum demonstrations_from=logs/a.csv"
+    assert describe(json.loads(given)).endswith("; demonstrations_from=logs/a.csv")
+    assert has(given, {"demonstrations_from": "logs/a.csv"})
+    assert not has(without, {"demonstrations_from": "logs/a.csv"})

@@ -19,7 +19,7 @@ from credit.core.seams import Environment, Transitions
 from credit.core.state import pack, same, unpack
 from credit.core.streams import reset_seed
 from credit.core.truth import EpisodicTruth
-from credit.envs import spaces
+from credit.envs import inverse, spaces
 from credit.envs.gymnasium.copies import Copies, Here, Make, Raised
 from credit.envs.gymnasium.listed import Listed
 from credit.envs.gymnasium.making import make
@@ -246,6 +246,18 @@ class Gymnasium(Environment):
         """Another of the same, to be started."""
         keys = ("id", "kwargs", "wrappers", "max_steps", "copies", "workers", "view", "success", "evaluation_episodes")
         return type(self)(**{key: getattr(self, key) for key in keys}, names=self.names)
+
+    def states_of(self, observations: Any) -> Tensor:
+        """Encoded observations."""
+        return self._encoders[0](inverse.require("observation", self._one.observation_space, observations))
+
+    def actions_of(self, actions: Any) -> Tensor:
+        """Numbers, or vectors in [−1, 1]."""
+        return inverse.actions_of(self._one.action_space, actions)
+
+    def recorded(self, actions: Tensor) -> Tensor:
+        """As the environment's space has them."""
+        return self._encoders[1](actions)
 
     def truth(self, objective: str, window: int) -> EpisodicTruth | None:
         """Where the environment offers its `P` and the start distribution: V* and the value of policies."""

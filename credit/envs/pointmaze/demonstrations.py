@@ -146,7 +146,7 @@ def recorded(source: str | File, task: Task, limit: int | None = None) -> Demons
         UserError: a dataset that cannot be read, or one that is not PointMaze's.
     """
     paths = []
-    for number, observed, actions in episodes(source, limit):
+    for number, observed, actions, *_ in episodes(source, limit):
         steps = len(actions)
         for part, width in RECORDED.items():
             if not isinstance(observed, dict) or np.shape(observed.get(part, ())) != (steps + 1, width):

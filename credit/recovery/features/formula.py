@@ -24,8 +24,8 @@ class Formula(FeatureMap):
     Coordinates are called `s` and `a` where states and actions are numbers, `s0`, `s1`, … and `a0`, `a1`, … where they
     are vectors, or as the environment names them. `C(a)` has an indicator for each value of a number, less the first
     where the others and 1 say as much; which values there are is the problem's, not the data's. Functions are log, exp,
-    sqrt, abs, sin, cos and tanh; arithmetic stands in them, in `I(…)` or in `{…}`: `{s0**2}`, since alone `s0**2` is s0
-    (a power of terms). Everything is computed in float64.
+    sqrt, abs, sin, cos and tanh; arithmetic stands in them, in `I(…)` or in `{…}`: `{s0**2}`, since alone `s0**2` is
+    a power of a term, that term itself, and is refused. Everything is computed in float64.
 
     Args:
         formula: the terms.

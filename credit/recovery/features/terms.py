@@ -81,7 +81,7 @@ class Parsed:
         found, said = None, "there is nothing in it"
         if formula.strip():
             try:
-                _require_small_powers(formula)
+                _require_powers(formula)
                 found = formulaic.Formula(formula)
                 said = "there is no term in it" if found == [] else "~ and | make several formulas, and one is wanted"
             except UserError as error:
@@ -208,12 +208,21 @@ def _levels(text: str, coordinate: Coordinate) -> int:
     return coordinate.levels
 
 
-def _require_small_powers(formula: str) -> None:
-    """Refuse powers of terms that would take for ever to write out."""
+def _require_powers(formula: str) -> None:
+    """Refuse powers of one term, which are that term, and such as would take for ever to write out."""
     from formulaic.parser import DefaultFormulaParser
 
-    for before, token in pairwise(DefaultFormulaParser().get_tokens(formula)):
-        if before.token in ("**", "^") and token.token.isdecimal() and int(token.token) > POWER:
+    tokens = list(DefaultFormulaParser().get_tokens(formula))
+    for base, (before, token) in zip(tokens, pairwise(tokens[1:]), strict=False):
+        if before.token not in ("**", "^") or not token.token.isdecimal():
+            continue
+        if base.token != ")":
+            text = f"{base.token}**{token.token}"
+            raise UserError(
+                f"{text}, at character {(base.source_start or 0) + 1}, is a power of a term, which is {base.token} "
+                f"itself; the power of a number is {{{text}}} or I({text})"
+            )
+        if int(token.token) > POWER:
             raise UserError(
                 f"a power {token.token} of terms, at character {token.source_start + 1}, at most {POWER} is written "
                 "out; the power of a number stands in braces: {s**8}"

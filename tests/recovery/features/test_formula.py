@@ -86,6 +86,9 @@ def test_the_default_is_bilinear() -> None:
         ("I(s ^ 2)", "no arithmetic"),
         ("log(C(a))", "categories are no numbers"),
         ("(s + a)**20", "at most 5"),
+        ("1 + s**2 + a", r"s\*\*2, at character 5, is a power of a term.*\{s\*\*2\} or I\(s\*\*2\)"),
+        ("s^2", r"I\(s\*\*2\)"),
+        ("(s + a)**2 + log(1 + s)**3", r"which is log\(1 \+ s\) itself"),
     ],
 )
 def test_what_is_no_formula_is_refused_when_made(formula: str, said: str) -> None:
