@@ -118,8 +118,8 @@ class Singles(Environment):
             return None
         if (limit := self.max_steps or self.limit) is None:
             raise UserError(
-                f"{self.called} comes without a time limit, and an evaluation must end: give env.max_steps=<most steps of an "
-                "episode>; or, if its episodes never end, env.horizon=<steps of an evaluation>"
+                f"{self.called} comes without a time limit, and an evaluation must end: give env.max_steps=<most steps "
+                "of an episode>; or, if its episodes never end, env.horizon=<steps of an evaluation>"
             )
         return int(limit)
 
