@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
-from typing import Any
+from functools import cached_property, partial
+from typing import Any, Literal
 
+from credit.core.errors import UserError
 from credit.core.ranges import NonNegativeInt, PositiveInt
 from credit.core.truth import EpisodicTruth
-from credit.envs.gymnasium.copies import Make
+from credit.envs.gymnasium.copies import Copies, Make
 from credit.envs.gymnasium.listed import Listed
 from credit.envs.gymnasium.making import NO_LIMIT, make
+from credit.envs.gymnasium.pools import Pooled, Pools
 from credit.envs.gymnasium.singles import Singles
 from credit.envs.spaces import View
 
@@ -25,9 +27,10 @@ class Gymnasium(Singles):
         max_steps: most steps of an episode; None takes the time limit that the id was registered with.
         copies, workers, view, success, evaluation_episodes, names: as all single environments have them (`Singles`).
         horizon: steps of an evaluation, where episodes never end: the registered time limit does not hold then.
+        backend: whose environment has this id: Gymnasium's, or EnvPool's, whose copies step in threads.
 
     Raises:
-        UserError: at `problem`: no such id, a space that nobody takes, no time limit.
+        UserError: wrappers or workers with EnvPool; at `problem`: no such id, a space that nobody takes, no time limit.
 
     Example:
         >>> Gymnasium("CartPole-v1").problem(None, seeds=(0,)).actions
@@ -47,11 +50,19 @@ class Gymnasium(Singles):
         evaluation_episodes: PositiveInt = 10,
         names: Sequence[str] | None = None,
         horizon: PositiveInt | None = None,
+        backend: Literal["gymnasium", "envpool"] = "gymnasium",
     ) -> None:
         super().__init__(max_steps, horizon, copies, workers, view, success, evaluation_episodes, names)
         self.id = id
         self.kwargs = dict(kwargs or {})
         self.wrappers = tuple(wrappers)
+        self.backend = backend
+        for key, value in (("wrappers", list(wrappers)), ("workers", workers)):
+            if backend == "envpool" and value:
+                raise UserError(
+                    f"env.{key}={value}: EnvPool's environments are stepped in its own threads, as they are; leave "
+                    "that out, or env.backend=envpool"
+                )
 
     @property
     def called(self) -> str:
@@ -72,7 +83,14 @@ class Gymnasium(Singles):
 
     @property
     def _make(self) -> Make:
-        return partial(make, self.id, self.kwargs, NO_LIMIT if self.endless else self.max_steps, self.wrappers)
+        limit = NO_LIMIT if self.endless else self.max_steps
+        if self.backend == "envpool":
+            return partial(Pooled, self.id, self.kwargs, limit)
+        return partial(make, self.id, self.kwargs, limit, self.wrappers)
+
+    @cached_property
+    def _copies(self) -> Copies:
+        return Pools(self._make, self._count) if self.backend == "envpool" else super()._copies
 
     def truth(self, objective: str, window: int) -> EpisodicTruth | None:
         """Where the environment offers its `P` and the start distribution: V* and the value of policies."""
