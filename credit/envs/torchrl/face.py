@@ -12,7 +12,7 @@ import torch
 from gymnasium.spaces import Dict
 from tensordict import TensorDictBase
 from torch import Tensor
-from torchrl.envs import Compose, EnvBase, StepCounter, TransformedEnv
+from torchrl.envs import Compose, EnvBase, StepCounter, Transform, TransformedEnv
 
 from credit.envs.torchrl.specs import space
 
@@ -87,10 +87,14 @@ class Face(gymnasium.Env[Any, Any]):
 
 def limit(env: EnvBase) -> int | None:
     """Most steps of an episode, where a `StepCounter`, a Gymnasium environment inside, or `max_steps` says so."""
-    counters = []
-    if isinstance(env, TransformedEnv):
-        parts = env.transform if isinstance(env.transform, Compose) else [env.transform]
-        counters = [part.max_steps for part in parts if isinstance(part, StepCounter)]
+    counters = [part.max_steps for part in transforms(env) if isinstance(part, StepCounter)]
     registered = getattr(getattr(env, "spec", None), "max_episode_steps", None)
     found = [*counters, registered, getattr(env, "max_steps", None)]
     return min((number for number in found if isinstance(number, int) and number > 0), default=None)
+
+
+def transforms(env: EnvBase) -> list[Transform]:
+    """Those around an environment, the innermost first."""
+    if not isinstance(env, TransformedEnv):
+        return []
+    return list(env.transform) if isinstance(env.transform, Compose) else [env.transform]

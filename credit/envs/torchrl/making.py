@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import gymnasium
-from torchrl.envs import EnvBase
+from torchrl.envs import EnvBase, RewardSum, StepCounter
 
 from credit.core.errors import UserError, nearest
-from credit.envs.torchrl.face import Face
+from credit.envs.torchrl.face import Face, transforms
 
 
 def make(
@@ -19,7 +19,7 @@ def make(
     """One environment with Gymnasium's face.
 
     Args:
-        target: what makes it. kwargs: for that. keys: of what is seen, None for all but what is
+        target: what makes it. kwargs: for that. keys: of what is seen, None for all but what only counts, and what is
         told: keys of observations that say whether a step is a success. max_steps: of an episode, None for its own.
 
     Raises:
@@ -38,11 +38,8 @@ def make(
         )
     _require_single(env, target)
     there = list(env.observation_spec.keys())
-    for key in keys or ():
-        if key not in there:
-            raise UserError(f"env.keys: {key!r} is no observation of env.target={target!r}; {nearest(key, there)}")
     told = [key for key in told if key in there]
-    face = Face(env, keys or [key for key in there if key not in told], told)
+    face = Face(env, _seen(env, target, keys, there, told), told)
     return face if max_steps is None else gymnasium.wrappers.TimeLimit(face, max_steps)
 
 
@@ -65,11 +62,34 @@ def named(target: str) -> Callable[..., Any]:
     return found
 
 
+def _seen(
+    env: EnvBase, target: str, keys: Sequence[str] | None, there: Sequence[str], told: Sequence[str]
+) -> Sequence[str]:
+    """The observations that are seen: those that are named, or all but those that only keep count.
+
+    Raises:
+        UserError: one that is not there, or that repeats the reward.
+    """
+    parts = transforms(env)
+    sums = [key for part in parts if isinstance(part, RewardSum) for key in part.out_keys]
+    counts = [part.step_count_key for part in parts if isinstance(part, StepCounter)]
+    for key in keys or ():
+        if key in sums:
+            raise UserError(f"env.keys: {key!r} of env.target={target!r} repeats the reward, which no learner sees")
+        if key not in there:
+            raise UserError(f"env.keys: {key!r} is no observation of env.target={target!r}; {nearest(key, there)}")
+    found = keys or [key for key in there if key not in (*told, *sums, *counts)]
+    if not found:
+        raise UserError(f"env.target={target!r} has nothing to see, only {', '.join(there) or 'no observations'}")
+    return found
+
+
 def _require_single(env: EnvBase, target: str) -> None:
     """Refuse many environments, and many who act."""
     if env.batch_size:
         many = list(env.batch_size)
-        env.close()
+        if not env.is_closed:
+            env.close()
         raise UserError(
             f"env.target={target!r} is already many (batch_size {many}, batch_locked={env.batch_locked}), and each "
             "copy begins its episodes by itself, with a seed of its own: give a single one, whose batch_size is [], "

@@ -23,7 +23,7 @@ from torchrl.data import (
     TensorSpec,
     Unbounded,
 )
-from torchrl.envs import EnvBase, GymEnv, PendulumEnv, StepCounter, TransformedEnv
+from torchrl.envs import Compose, EnvBase, PendulumEnv, RewardSum, SerialEnv, StepCounter, TransformedEnv
 
 from credit.config import registry
 from credit.core.errors import RunError, UserError
@@ -76,7 +76,7 @@ class Drift(EnvBase):
 
 def counted(most: int) -> EnvBase:
     """A function as a target."""
-    return TransformedEnv(GymEnv("CartPole-v1"), StepCounter(max_steps=most))
+    return TransformedEnv(Drift(), Compose(RewardSum(), StepCounter(max_steps=most)))
 
 
 def lists() -> list[int]:
@@ -85,6 +85,10 @@ def lists() -> list[int]:
 
 def many(count: int) -> EnvBase:
     return Drift(batch=(count,))
+
+
+def serial(count: int) -> EnvBase:
+    return SerialEnv(count, Drift)
 
 
 @pytest.fixture(autouse=True)
@@ -238,6 +242,8 @@ def test_a_time_limit_is_found(target: str, keys: dict[str, Any], horizon: int) 
         (f"{__name__}.SEEDS", {}, "is a tuple, which makes nothing"),
         (f"{__name__}.lists", {}, r"gave a list, which is no torchrl\.envs\.EnvBase"),
         (f"{__name__}.many", {"kwargs": {"count": 3}}, r"already many \(batch_size \[3\].*env\.copies=3"),
+        (f"{__name__}.serial", {"kwargs": {"count": 2}}, r"already many \(batch_size \[2\]"),
+        (f"{__name__}.counted", {"kwargs": {"most": 3}, "keys": ["episode_reward"]}, "repeats the reward, which no"),
         (f"{__name__}.Drift", {"kwargs": {"trouble": "rewards"}}, r"has a reward of 2 numbers \[2\]"),
         (f"{__name__}.Drift", {"kwargs": {"nope": 1}}, r"made with \{'nope': 1\} cannot be made: TypeError"),
         (f"{__name__}.Drift", {"max_steps": None}, r"comes without a time limit.*env\.max_steps.*env\.horizon"),
@@ -259,6 +265,13 @@ def test_trouble_in_mid_episode_is_named() -> None:
     env.step(nothing)
     with pytest.raises(RunError, match=r"env\.target='.*Drift' raised in step, seed 3, copy 0 .*step 2: Arithmetic"):
         env.step(nothing)
+
+
+def test_what_transforms_count_and_sum_up_is_not_seen() -> None:
+    env = TorchRLEnvironment(f"{__name__}.counted", {"most": 4})
+    assert env.problem(None, SEEDS).states == 5
+    two = TorchRLEnvironment(f"{__name__}.counted", {"most": 4}, keys=["place", "step_count"])
+    assert two.problem(None, SEEDS).observations == 5 + 1
 
 
 @pytest.mark.thorough
