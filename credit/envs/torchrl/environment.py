@@ -22,8 +22,8 @@ class TorchRLEnvironment(Singles):
     Args:
         target: the dotted path of a class, or of a function that returns an environment.
         kwargs: for that.
-        keys: names of the observations that are seen; None for all but what tells a success, a `StepCounter`'s number
-            and a `RewardSum`, which is never seen.
+        keys: names of the observations that are seen, in this order; None for all but what tells a success, the number
+            of a `StepCounter`, and a `RewardSum`, which is never seen.
         max_steps: most steps of an episode; None takes that of its `StepCounter`, of a Gymnasium environment inside,
             or its attribute `max_steps`.
         copies, workers, view, evaluation_episodes, names, horizon: as all single environments have them (`Singles`).

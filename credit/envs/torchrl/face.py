@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -23,7 +24,7 @@ class Face(gymnasium.Env[Any, Any]):
     Many draw from torch's global generator: each has a state of that for itself, and leaves it to others as it was.
 
     Args:
-        env: with one action, one reward and no batch. seen: names of the observations that are seen.
+        env: with one action, one reward and no batch. seen: names of the observations that are seen, in this order.
         told: names of observations that are `info` instead.
 
     Attributes:
@@ -34,7 +35,7 @@ class Face(gymnasium.Env[Any, Any]):
         self._env, self._seen, self._told = env, tuple(seen), tuple(told)
         self._act, self._reward = env.action_key, env.reward_key
         self._specs = {name: env.observation_spec[name] for name in self._seen}
-        parts = {name: space(spec) for name, spec in self._specs.items()}
+        parts = OrderedDict((name, space(spec)) for name, spec in self._specs.items())  # others would be sorted
         self.observation_space = Dict(parts) if len(parts) > 1 else parts[self._seen[0]]
         self.action_space = space(env.action_spec)
         self.limit = limit(env)

@@ -33,7 +33,7 @@ from credit.envs.torchrl.specs import space
 from credit.runs.checkpoint import only_data
 
 SEEDS = (3, 4)
-PENDULUM: dict[str, Any] = {"target": "torchrl.envs.PendulumEnv", "keys": ["th", "thdot"], "max_steps": 6}
+PENDULUM: dict[str, Any] = {"target": "torchrl.envs.PendulumEnv", "keys": ["thdot", "th"], "max_steps": 6}
 
 
 class Drift(EnvBase):
@@ -144,7 +144,7 @@ def test_steps_are_those_of_the_environment_driven_by_hand() -> None:
         alone.set_seed(reset_seed(4, "environment", 1, episode))
         now = alone.reset()
         for t, action in enumerate(actions):
-            assert torch.equal(states[1, 1], torch.stack([now["th"], now["thdot"]]))
+            assert torch.equal(states[1, 1], torch.stack([now["thdot"], now["th"]]))
             out = env.step(action)
             then = alone.step(now.set("action", 2 * action[1, 1]))
             assert float(out.rewards[1, 1]) == float(then["next", "reward"])
