@@ -25,7 +25,7 @@ class Gymnasium(Singles):
         kwargs: for the environment's constructor.
         wrappers: names of wrappers, the innermost first: of `gymnasium.wrappers`, or `package.module:Class`.
         max_steps: most steps of an episode; None takes the time limit that the id was registered with.
-        copies, workers, view, success, evaluation_episodes, names: as all single environments have them (`Singles`).
+        copies, workers, view, success, evaluation_episodes, names: as all single environments have them (`Described`).
         horizon: steps of an evaluation, where episodes never end: the registered time limit does not hold then.
         backend: whose environment has this id: Gymnasium's, or EnvPool's, whose copies step in threads.
 

@@ -8,7 +8,8 @@ from typing import Any
 
 from credit.core.ranges import NonNegativeInt, PositiveInt
 from credit.envs.gymnasium.copies import Make
-from credit.envs.gymnasium.singles import REWARD, SUCCESS, Singles
+from credit.envs.gymnasium.described import REWARD, SUCCESS
+from credit.envs.gymnasium.singles import Singles
 from credit.envs.spaces import View
 from credit.envs.torchrl.making import make
 
@@ -26,8 +27,8 @@ class TorchRLEnvironment(Singles):
             of a `StepCounter`, and a `RewardSum`, which is never seen.
         max_steps: most steps of an episode; None takes that of its `StepCounter`, of a Gymnasium environment inside,
             or its attribute `max_steps`.
-        copies, workers, view, evaluation_episodes, names, horizon: as all single environments have them (`Singles`).
-        success: the observation that says whether a step is a success, else as `Singles` has it.
+        copies, workers, view, evaluation_episodes, names, horizon: as all single environments have them (`Described`).
+        success: the observation that says whether a step is a success, else as `Described` has it.
 
     Raises:
         UserError: at `problem`: there is no such thing, it is already many, a spec that nobody takes, no time limit.
