@@ -39,6 +39,11 @@ def problem_of(
         UserError: no length of windows, one that no episode has, or one that needs rounds of steps.
     """
     name, window, horizon = type(env).__name__, feedback.window, env.horizon
+    if window is None and env.setting == "continuing":
+        raise UserError(
+            f"feedback.window=null is a whole episode, and {name} goes on for ever: no label would ever come; take "
+            "windows of T steps, such as feedback=block_sum feedback.window=20"
+        )
     if window is None and horizon is None:
         raise UserError(
             f"feedback.window=null is a whole episode, and episodes of {name} have no length of their own; give T, "
@@ -60,7 +65,7 @@ def problem_of(
             f"{env.tells(feedback.reads)}"
         )
     problem = env.problem(window or horizon or 0, tuple(seeds), device)
-    inside = problem.window < problem.horizon or feedback.lengths is not None
+    inside = (problem.episodic and problem.window < problem.horizon) or feedback.lengths is not None
     late = feedback.delay or feedback.delay_windows or feedback.missing
     if not rolling and (inside or late):
         what = f"windows of {feedback.lengths or problem.window} steps inside episodes" if inside else "such labels"

@@ -72,7 +72,8 @@ def _composed(words: tuple[str, ...], config_dirs: tuple[str, ...], stamp: objec
         raise UserError(answers.explain(error, words, config_dirs, compose)) from None
     if found.get("experiment") != GENERIC:
         return found
-    return found | {"experiment": _folder_of(words, config_dirs, found["env"].get("id"))}
+    which = found["env"].get("id", found["env"].get("target"))
+    return found | {"experiment": _folder_of(words, config_dirs, which)}
 
 
 def with_experiment(overrides: Sequence[str], config_dirs: Sequence[str] = ()) -> list[str]:

@@ -36,7 +36,7 @@ def slug(config: Mapping[str, Any], overrides: Sequence[str], config_dirs: Seque
     words = registry.with_experiment(overrides, config_dirs)
     naming = {"experiment", "method"}
     if (registry.chosen("experiment", words) or "").startswith(registry.GENERIC):  # whose environment is in its name
-        naming |= {"env", "env.id"}
+        naming |= {"env", "env.id", "env.target"}
     known = [word for word in words if _group(word) in naming]
     kept = list(dict.fromkeys(word for word in words if _group(word) in {*KINDS} - naming - {"tracking"}))
     base = _base([*known, *kept], config, config_dirs)

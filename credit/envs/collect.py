@@ -43,7 +43,7 @@ class Collector(Stateful):
                 f"{type(feedback).__name__} reads the reward of a window's last step, and episodes of {name} may end "
                 "before; choose another feedback, like block_sum, or say ends_early = False if they never do"
             )
-        if not problem.episodic and (env.copies != 1 or env.ends_early):
+        if not problem.episodic and (env.ends_early or (problem.even and env.copies != 1)):
             raise UserError(
                 f"{name} goes on for ever and says copies={env.copies}, ends_early={env.ends_early}: such a task has "
                 "one copy and never ends (copies = 1, ends_early = False); or make its problem episodic"

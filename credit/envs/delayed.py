@@ -15,7 +15,7 @@ from credit.core.errors import RunError, UserError
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Feedback
 from credit.core.streams import Queues
-from credit.envs.gymnasium.environment import SUCCESS
+from credit.envs.gymnasium.described import SUCCESS
 
 OWN = ("label", "window_end", "censored")  # keys of `info` that are ours
 

@@ -68,7 +68,8 @@ class Rolling(Stateful):
     def __init__(self, env: Environment, feedback: Feedback, problem: Problem) -> None:
         self._feedback, self._problem = feedback, problem
         copies = env.copies or 1
-        if copies > 1:
+        self._own = copies > 1  # else they are the environment, which is saved by itself
+        if self._own:
             env = env.twin()
             env.start(problem, copies, f"environment, {copies} at once")
         self._world = World(env, ticks(problem, copies)[:1])
@@ -195,7 +196,7 @@ class Rolling(Stateful):
         own = {name: getattr(self, name) for name in ("_step", "_age", "_lengths")}
         return {
             "now": None if self._world.now is None else self._world.now.cpu().clone(),
-            "env": self._world.env.state_dict(),
+            "env": self._world.env.state_dict() if self._own else None,
             "clock": self._clock,
             "streams": [self._missing.state_dict(), self._drawn.state_dict()],
             "tape": None if tape is None else {f.name: getattr(tape, f.name).cpu().clone() for f in fields(tape)},
@@ -206,7 +207,8 @@ class Rolling(Stateful):
         """Go on from there."""
         device = self._problem.device
         self._world.now = None if state["now"] is None else state["now"].to(device)
-        self._world.env.load_state_dict(state["env"])
+        if state["env"] is not None:
+            self._world.env.load_state_dict(state["env"])
         self._clock = state["clock"]
         for stream, held in zip((self._missing, self._drawn), state["streams"], strict=True):
             stream.load_state_dict(held)

@@ -1,1 +1,1 @@
-"""Any environment of Gymnasium, by its id: copies in lock-step, in this process or in others."""
+"""Any environment of Gymnasium, by its id, and what else has such a face: copies in lock-step, here or in workers."""

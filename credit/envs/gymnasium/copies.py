@@ -55,11 +55,11 @@ class Here:
 
     def reset(self, which: Sequence[int], seeds: Sequence[int]) -> list[Any]:
         """The first observations of new episodes."""
-        return [_told(self._envs[n].reset, n, seed=seed)[0] for n, seed in zip(which, seeds, strict=True)]
+        return [told(self._envs[n].reset, n, seed=seed)[0] for n, seed in zip(which, seeds, strict=True)]
 
     def step(self, which: Sequence[int], actions: Sequence[Any]) -> list[Out]:
         """One step each."""
-        return [Out(*_told(self._envs[n].step, n, action)) for n, action in zip(which, actions, strict=True)]
+        return [Out(*told(self._envs[n].step, n, action)) for n, action in zip(which, actions, strict=True)]
 
     def close(self) -> None:
         """Let all go."""
@@ -67,7 +67,7 @@ class Here:
             env.close()
 
 
-def _told(method: Callable[..., Any], copy: int, *args: Any, **kwargs: Any) -> Any:
+def told(method: Callable[..., Any], copy: int, *args: Any, **kwargs: Any) -> Any:
     """What an environment says; what it raises names the copy, since whoever hears of it may be another process."""
     try:
         return method(*args, **kwargs)

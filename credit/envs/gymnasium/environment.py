@@ -2,61 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cached_property, partial
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
-import gymnasium
-import numpy as np
-import torch
-from gymnasium.vector.utils import concatenate, create_empty_array
-from torch import Tensor
-
-from credit.core.errors import RunError, UserError
-from credit.core.problem import FLOAT, Problem
+from credit.core.errors import UserError
 from credit.core.ranges import NonNegativeInt, PositiveInt
-from credit.core.seams import Environment, Transitions
-from credit.core.state import pack, same, unpack
-from credit.core.streams import reset_seed
 from credit.core.truth import EpisodicTruth
-from credit.envs import inverse, spaces
-from credit.envs.gymnasium.copies import Copies, Here, Make, Raised
+from credit.envs.gymnasium.copies import Copies, Make
 from credit.envs.gymnasium.listed import Listed
-from credit.envs.gymnasium.making import make
-from credit.envs.gymnasium.workers import Elsewhere
+from credit.envs.gymnasium.making import NO_LIMIT, make
+from credit.envs.gymnasium.pools import Pooled, Pools
+from credit.envs.gymnasium.singles import Singles
+from credit.envs.spaces import View
 
-SUCCESS = ("success", "is_success")  # keys of `info` under which environments report one
-REWARD = "reward"  # says that a positive reward is one
 
-
-class Gymnasium(Environment):
-    """R × K single environments in lock-step; each episode is seeded by (seed, copy, purpose, episode).
-
-    Observations and actions are encoded by `credit.envs.spaces`. `info` reaches nobody, but for the success that it may
-    report, which feedback and judges read. Episodes end by termination, or by the time limit.
+class Gymnasium(Singles):
+    """Environments that Gymnasium makes, side by side (`Singles`).
 
     Args:
         id: as `gymnasium.make` takes it; `package:id` imports the package first.
         kwargs: for the environment's constructor.
         wrappers: names of wrappers, the innermost first: of `gymnasium.wrappers`, or `package.module:Class`.
         max_steps: most steps of an episode; None takes the time limit that the id was registered with.
-        copies: K, episodes that run side by side; None for as many as are collected at once.
-        workers: processes that step them; 0 for this one.
-        view: whether observations are seen as a number or as a vector; `auto`: a number where there are few.
-        success: the key of `info` that says whether a step is a success; `auto` looks for `success`, `is_success`;
-            `reward`: a step with a positive reward is one.
-        evaluation_episodes: of each replica, in each evaluation by rollouts.
-        names: of the coordinates of an observation as learners see it, for feature maps; None: s0, s1, …
+        copies, workers, view, success, evaluation_episodes, names: as all single environments have them (`Described`).
+        horizon: steps of an evaluation, where episodes never end: the registered time limit does not hold then.
+        backend: whose environment has this id: Gymnasium's, or EnvPool's, whose copies step in threads.
 
     Raises:
-        UserError: at `problem`: no such id, a space that nobody takes, no time limit.
+        UserError: wrappers or workers with EnvPool; at `problem`: no such id, a space that nobody takes, no time limit.
 
     Example:
         >>> Gymnasium("CartPole-v1").problem(None, seeds=(0,)).actions
         2
     """
-
-    setting: ClassVar = "episodic"
 
     def __init__(
         self,
@@ -66,233 +45,56 @@ class Gymnasium(Environment):
         max_steps: PositiveInt | None = None,
         copies: PositiveInt | None = 1,
         workers: NonNegativeInt = 0,
-        view: Literal["auto", "number", "vector"] = "auto",
+        view: View = "auto",
         success: str = "auto",
         evaluation_episodes: PositiveInt = 10,
         names: Sequence[str] | None = None,
+        horizon: PositiveInt | None = None,
+        backend: Literal["gymnasium", "envpool"] = "gymnasium",
     ) -> None:
+        super().__init__(max_steps, horizon, copies, workers, view, success, evaluation_episodes, names)
         self.id = id
         self.kwargs = dict(kwargs or {})
         self.wrappers = tuple(wrappers)
-        self.max_steps = max_steps
-        self.copies = copies
-        self.workers = workers
-        self.view = view
-        self.success = success
-        self.evaluation_episodes = evaluation_episodes
-        self.names = names
+        self.backend = backend
+        for key, value in (("wrappers", list(wrappers)), ("workers", workers)):
+            if backend == "envpool" and value:
+                raise UserError(
+                    f"env.{key}={value}: EnvPool's environments are stepped in its own threads, as they are; leave "
+                    "that out, or env.backend=envpool"
+                )
 
-    def problem(self, window: int | None, seeds: tuple[int, ...], device: torch.device | str = "cpu") -> Problem:
-        """Spaces as they are encoded; an episode lasts for the time limit at most, and so does a window."""
-        seen, done = self._encoders
-        return spaces.problem(seen, done, window or self.horizon, seeds, device, horizon=self.horizon)
+    @property
+    def called(self) -> str:
+        """The id."""
+        return f"env.id={self.id!r}"
 
-    @cached_property
-    def horizon(self) -> int:  # type: ignore[override]
-        """Most steps of an episode.
+    @property
+    def limit(self) -> int | None:
+        """That with which the id was registered, or MiniGrid's own."""
+        registered = self._one.spec.max_episode_steps if self._one.spec else None
+        return registered or getattr(self._one.unwrapped, "max_steps", None)
 
-        Raises:
-            UserError: there is no limit.
-        """
-        limit = self.max_steps or (self._one.spec.max_episode_steps if self._one.spec else None)
-        limit = limit or getattr(self._one.unwrapped, "max_steps", None)  # MiniGrid's own
-        if limit is None:
-            raise UserError(
-                f"env.id={self.id!r} was registered without a time limit, and an evaluation must end: give "
-                "env.max_steps=<most steps of an episode>"
-            )
-        return int(limit)
-
-    @cached_property
-    def _copies(self) -> Copies:
-        """All of them, made when the first episode begins."""
-        return Elsewhere(self._make, self._count, self.workers) if self.workers else Here(self._make, self._count)
-
-    @cached_property
-    def _one(self) -> gymnasium.Env[Any, Any]:
-        """One of them, to look at."""
-        return self._make()
+    @property
+    def hint(self) -> str:
+        """What to do with a mission in words."""
+        grid = self.id.startswith(("MiniGrid", "BabyAI"))
+        return "; here: env.wrappers=[minigrid.wrappers:ImgObsWrapper]" if grid else ""
 
     @property
     def _make(self) -> Make:
-        return partial(make, self.id, self.kwargs, self.max_steps, self.wrappers)
+        limit = NO_LIMIT if self.endless else self.max_steps
+        if self.backend == "envpool":
+            return partial(Pooled, self.id, self.kwargs, limit)
+        return partial(make, self.id, self.kwargs, limit, self.wrappers)
 
     @cached_property
-    def _encoders(self) -> tuple[spaces.Observations, spaces.Actions]:
-        env = self._one
-        try:
-            return spaces.observations(env.observation_space, self.view), spaces.actions(env.action_space)
-        except UserError as error:
-            grid = self.id.startswith(("MiniGrid", "BabyAI"))
-            hint = "; here: env.wrappers=[minigrid.wrappers:ImgObsWrapper]" if grid else ""
-            raise UserError(f"env.id={self.id!r}: {error}{hint}") from None
-
-    @property
-    def facts(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Success, where it is told."""
-        return ("success",) if self.success == REWARD or self._reports is not None else ()
-
-    def tells(self, fact: str) -> str:
-        """How success may be told."""
-        keys = ", ".join(SUCCESS)
-        return (
-            f"env.success=auto looks for one of the keys {keys} in the info of env.id={self.id!r}; name another by "
-            "env.success=KEY, say env.success=reward if a positive reward is one, or choose another feedback"
-        )
-
-    @cached_property
-    def _reports(self) -> str | None:
-        """The key of `info` under which success is reported, None where it is not."""
-        if self.success not in ("auto", REWARD):
-            return self.success
-        if self.success == REWARD:
-            return None
-        env = self._one
-        env.reset(seed=0)
-        env.action_space.seed(0)
-        info = env.step(env.action_space.sample())[4]
-        return next((key for key in SUCCESS if key in info), None)
-
-    def start(self, problem: Problem, copies: int = 1, purpose: str = "environment") -> None:
-        """Make K copies of R replicas; none has begun an episode."""
-        self._problem, self._purpose, self._shape = problem, purpose, (problem.replicas, copies)
-        self._count = problem.replicas * copies
-        self._episodes = np.zeros(self._count, dtype=np.int64)  # begun by each copy
-        self._open: list[list[Any] | None] = [None] * self._count  # actions of its episode, while that goes on
-        self._latest: list[Any] = [None] * self._count
-        if (held := vars(self).pop("_copies", None)) is not None:
-            held.close()
-
-    def reset(self, mask: Tensor | None = None) -> Tensor:
-        """Begin an episode in the copies of the mask [R, K]; the states of all."""
-        self._begin(self._which(mask))
-        return self._states()
-
-    def _begin(self, which: Sequence[int]) -> None:
-        seeds = [self._seed(n, self._episodes[n]) for n in which]
-        for n, first in zip(which, self._asked("reset", which, seeds), strict=True):
-            self._latest[n], self._open[n] = first, []
-            self._episodes[n] += 1
-
-    def step(self, actions: Tensor, mask: Tensor | None = None) -> Transitions:
-        """One step of the copies of the mask [R, K]."""
-        which = self._which(mask)
-        taken = self._encoders[1](actions).flatten(0, 1).cpu().numpy()
-        chosen = [self._action(taken[n]) for n in which]
-        rewards, success = torch.zeros(self._count, dtype=FLOAT), torch.zeros(self._count, dtype=torch.bool)
-        terminated, truncated = success.clone(), success.clone()
-        for n, action, out in zip(which, chosen, self._asked("step", which, chosen), strict=True):
-            self._latest[n] = out.observation
-            rewards[n], terminated[n], truncated[n] = float(out.reward), bool(out.terminated), bool(out.truncated)
-            if self._reports is not None:
-                success[n] = bool(out.info.get(self._reports, False))
-            if out.terminated or out.truncated:
-                self._open[n] = None
-            elif (done := self._open[n]) is not None:
-                done.append(action)
-        self._require_finite("reward", rewards)
-        if self.success == REWARD:
-            success = rewards > 0
-        facts = {"success": self._all(success)} if self.facts else {}
-        ended = self._all(terminated), self._all(truncated & ~terminated)
-        return Transitions(self._states(), self._all(rewards), *ended, facts)
-
-    def _action(self, value: np.ndarray) -> Any:
-        """As the environment's space has it."""
-        return int(value) if value.ndim == 0 else value
-
-    def _asked(self, method: Literal["reset", "step"], which: Sequence[int], arguments: Sequence[Any]) -> list[Any]:
-        try:
-            return getattr(self._copies, method)(which, arguments)
-        except Raised as error:
-            where = self._named(error.copy)
-            raise RunError(f"env.id={self.id!r} raised in {method}, {where}: {error.what}") from error
-
-    def _named(self, copy: int) -> str:
-        """Whose a copy is, and where it is."""
-        replica, k = divmod(copy, self._shape[1])
-        return (
-            f"seed {self._problem.seeds[replica]}, copy {k} for {self._purpose}, episode {self._episodes[copy]}, step "
-            f"{len(self._open[copy] or ())}"
-        )
-
-    def _which(self, mask: Tensor | None) -> list[int]:
-        return list(range(self._count)) if mask is None else mask.flatten().nonzero()[:, 0].tolist()
-
-    def _seed(self, copy: int, episode: int) -> int:
-        replica, k = divmod(copy, self._shape[1])
-        return reset_seed(self._problem.seeds[replica], self._purpose, k, int(episode))
-
-    def _all(self, values: Tensor) -> Tensor:
-        return values.view(*self._shape, *values.shape[1:]).to(self._problem.device)
-
-    def _states(self) -> Tensor:
-        """What all copies see [R, K, ...]."""
-        space = self._one.observation_space
-        block: Any = create_empty_array(space, self._count)  # anew: what was seen before stays what it was
-        states = self._encoders[0](concatenate(space, self._latest, block))
-        self._require_finite("observation", states)
-        return self._all(states)
-
-    def _require_finite(self, what: str, values: Tensor) -> None:
-        if values.is_floating_point() and not (finite := values.isfinite()).all():
-            place = tuple((~finite).nonzero()[0].tolist())
-            raise RunError(
-                f"env.id={self.id!r}: {what} {float(values[place])} at number {place[1:] or 0}, "
-                f"{self._named(place[0])}; learners need finite numbers"
-            )
-
-    def twin(self) -> Gymnasium:
-        """Another of the same, to be started."""
-        keys = ("id", "kwargs", "wrappers", "max_steps", "copies", "workers", "view", "success", "evaluation_episodes")
-        return type(self)(**{key: getattr(self, key) for key in keys}, names=self.names)
-
-    def states_of(self, observations: Any) -> Tensor:
-        """Encoded observations."""
-        return self._encoders[0](inverse.require("observation", self._one.observation_space, observations))
-
-    def actions_of(self, actions: Any) -> Tensor:
-        """Numbers, or vectors in [−1, 1]."""
-        return inverse.actions_of(self._one.action_space, actions)
-
-    def recorded(self, actions: Tensor) -> Tensor:
-        """As the environment's space has them."""
-        return self._encoders[1](actions)
+    def _copies(self) -> Copies:
+        return Pools(self._make, self._count) if self.backend == "envpool" else super()._copies
 
     def truth(self, objective: str, window: int) -> EpisodicTruth | None:
         """Where the environment offers its `P` and the start distribution: V* and the value of policies."""
         listed = Listed.of(self._one.unwrapped)
-        if listed is None or objective != "sum" or not self._problem.tabular:
+        if self.endless or listed is None or objective != "sum" or not self._problem.tabular:
             return None
         return listed.truth(window)
-
-    def state_dict(self) -> dict[str, Any]:
-        """How many episodes each copy has begun, and what it has done in the one that is open."""
-        open_ = [None if actions is None else pack(actions, "the open episode") for actions in self._open]
-        held = zip(self._open, self._latest, strict=True)
-        latest = [None if actions is None else pack(seen, "the last observation") for actions, seen in held]
-        return {"episodes": self._episodes.tolist(), "open": open_, "latest": latest}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Begin the open episodes again with their seeds, and play what was played.
-
-        Raises:
-            ValueError: that leads elsewhere.
-        """
-        self._episodes = np.asarray(state["episodes"], dtype=np.int64)
-        for n, packed in enumerate(state["open"]):
-            self._open[n] = None
-            if packed is None:
-                continue
-            actions = unpack(packed, [], "the open episode")
-            self._episodes[n] -= 1
-            self._begin([n])
-            for action in actions:
-                (out,) = self._copies.step([n], [action])
-                self._latest[n] = out.observation
-            self._open[n] = list(actions)
-            if not same(self._latest[n], unpack(state["latest"][n], self._latest[n], "the last observation")):
-                raise ValueError(
-                    f"env.id={self.id!r} cannot be gone on with in mid-episode: the same seed and the same actions led "
-                    "elsewhere; begin the run anew (rerun=true)"
-                )

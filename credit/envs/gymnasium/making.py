@@ -21,6 +21,7 @@ PACKAGES = {  # how an id begins → the package that registers it, which may no
     "MiniGrid": "minigrid",
     "Sepsis/": "icu_sepsis",
 }
+NO_LIMIT = -1  # of steps of an episode, whatever an id was registered with
 TOO_OLD = ("Fetch", "Hand")  # environments that set up MuJoCo 3 by hand
 
 
