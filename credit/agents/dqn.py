@@ -12,6 +12,7 @@ from torch.nn.functional import mse_loss, smooth_l1_loss
 
 from credit.agents.exploring import EpsilonGreedy
 from credit.agents.moments import Moments, Vectors
+from credit.core.component import Setting
 from credit.core.errors import UserError
 from credit.core.policy import Policy
 from credit.core.problem import FLOAT, Problem
@@ -31,7 +32,8 @@ class DQN(Agent):
     Q(s, t, ·) is a network on φ(s) and the step t (one-hot where states are numbers, t/T where they are vectors),
     fitted by Adam to targets (1−m)·(r + γ Q⁻(s', t+1, a*)) + m·G with G the return to the end of the episode. Nothing
     lies behind a terminated step, nor behind step T: there, the target is r. Not `timed`, it is Q(s, ·), and step T is
-    a time limit, behind which the task would go on. Actions are numbers, states numbers or vectors.
+    a time limit, behind which the task would go on; or the task never ends. Actions are numbers, states numbers or
+    vectors.
 
     Args:
         features: φ, what the network sees of a state; None for all of it: one-hot, or the vector as it is.
@@ -57,7 +59,7 @@ class DQN(Agent):
     """
 
     actions: ClassVar = "finite"
-    setting: ClassVar = "episodic"
+    setting: ClassVar[Setting] = "episodic"
     keeps: ClassVar = ("_online", "_target", "_adam", "_replay", "_stream", "_windows", "_steps", "_updates")
 
     def __init__(
@@ -102,9 +104,20 @@ class DQN(Agent):
         self.double = double
         self.loss = loss
         self.timed = timed
+        if not timed:
+            self.setting = "any"  # type: ignore[misc]
 
     def start(self, problem: Problem) -> None:
-        """Random networks, nothing to replay."""
+        """Random networks, nothing to replay.
+
+        Raises:
+            UserError: returns to the end of an episode, where none ends.
+        """
+        if self.monte_carlo and not problem.episodic:
+            raise UserError(
+                f"agent.monte_carlo={self.monte_carlo}: returns run to the end of an episode, and here none ends; "
+                "leave it at 0"
+            )
         self._problem = problem
         if self.features is not None:
             self.features.start(problem)

@@ -451,11 +451,12 @@ def test_copies_explore_each_for_itself(problem: Problem) -> None:
         ("agent.epsilon_windows=0", ["agent.epsilon_windows=0", "≥ 1"]),
         ("agent.epsilon=.01", ["agent.epsilon_floor=0.05", "agent.epsilon=0.01"]),
         ("experiment=advertiser", ["DQN needs a task that is episodic", "continuing"]),
+        ("experiment=advertiser agent.timed=false agent.monte_carlo=.5", ["agent.monte_carlo=0.5", "none ends"]),
     ],
 )
 def test_bad_input(composed: Callable[..., dict[str, Any]], override: str, words: list[str]) -> None:
     with pytest.raises(UserError) as refused:
-        composed("experiment=sepsis", "method=delayed", "agent=dqn", override)
+        composed("experiment=sepsis", "method=delayed", "agent=dqn", *override.split())
     assert all(word in str(refused.value) for word in words)
     assert "\n" not in str(refused.value)
 
