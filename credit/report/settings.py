@@ -27,6 +27,7 @@ SCHEDULE = (
     *("steps_per_round", "random_steps"),
 )
 TRAINER = "trainer"
+BUDGET = ("steps", "episodes")
 
 # tuned.window and tuned.noise reach nothing but the feedback
 _MAKES_SETTING = re.compile(
@@ -88,6 +89,9 @@ def values_of(config: Mapping[str, Any]) -> dict[str, Any]:
         KeyError: it has no environment, feedback or trainer, or one of them no class.
     """
     budget = {key: value for key, value in config[TRAINER].items() if key not in (*SCHEDULE, "_target_")}
+    for key in BUDGET:  # one of which says nothing
+        if budget.get(key) is None:
+            budget.pop(key, None)
     nodes = {slot: {"_target_": config[slot]["_target_"], **config[slot]} for slot in PROBLEM}
     return dict(sorted(pair for key, node in {**nodes, TRAINER: budget}.items() for pair in _flat(key, node)))
 
