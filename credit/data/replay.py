@@ -116,6 +116,12 @@ class Replay(Stateful):
         """The reward of every row [R, n], 0 where a replica has fewer."""
         return self._columns["reward"][:, : len(self.windows)]
 
+    @property
+    def ages(self) -> Tensor:
+        """How many updates ago the reward was made that a sample of each row now has [R, n]."""
+        stays = self._ages.shape[1] and self._ask is None
+        return self._updates - self._ages if stays else torch.zeros_like(self.rewards, dtype=torch.int32)
+
     def update(self, store: Store, assigner: CreditAssigner, cost: float = 0.0) -> None:
         """Take the rewards of an assigner, less a cost: for all rows where old ones change, else for the newest.
 
@@ -311,7 +317,11 @@ class Replay(Stateful):
         """The streams: rows are the store's, and rewards are given anew before the next batch; but those that stay."""
         held: dict[str, Any] = {"draws": self._draws.state_dict()}
         if self._ages.shape[1] and self._ask is None:
-            stay = {"reward": self.rewards, "ages": self._ages, "first": self._first}
+            stay = {
+                "reward": self._columns["reward"][:, : self._ages.shape[1]],
+                "ages": self._ages,
+                "first": self._first,
+            }
             held |= {name: column.cpu().clone() for name, column in stay.items()}
             held |= {"counts": list(self._counts), "updates": self._updates}
         return held

@@ -98,8 +98,8 @@ def _dying_pays(trainer: Trainer) -> str:
     if "success" in (trainer.feedback.reads, trainer.feedback.objective):  # an episode that ends early has succeeded
         return ""
     return (
-        f"{type(scaler).__name__} leaves no reward above {scaler.cap:g}, and episodes of {type(trainer.env).__name__} may "
-        "end early: to end one soon then pays, also by failing; take a scaler without a cap, such as scaler=unit "
+        f"{type(scaler).__name__} leaves no reward above {scaler.cap:g}, and episodes of {type(trainer.env).__name__} "
+        "may end early: to end one soon then pays, also by failing; take a scaler without a cap, such as scaler=unit "
         "(or scaler.quantile=null)"
     )
 
