@@ -35,9 +35,8 @@ def main(argv: list[str]) -> int:
     os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1")  # before NumPy is imported
     missed = 0
     for name in words.overrides or BENCHES:
-        rows = importlib.import_module(f"credit.bench.{MODULES.get(name, name)}").run(
-            lambda line: print(f"… {line}", file=sys.stderr)
-        )
+        module = importlib.import_module(f"credit.bench.{MODULES.get(name, name)}")
+        rows = module.run(lambda line: print(f"… {line}", file=sys.stderr))
         table = Table("measured", "figure", "target", "", title=f"credit bench {name}", title_justify="left")
         for row in rows:
             mark = "" if row.met is None else "met" if row.met else "MISSED"

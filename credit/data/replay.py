@@ -228,22 +228,27 @@ class Replay(Stateful):
             elif rows > self._columns[name].shape[1]:
                 self._columns[name] = grown(self._columns[name], rows)
 
-    def _label(self, chosen: Tensor, ask: Callable[[Tensor], Tensor]) -> None:
-        """Ask for the rewards of the rows of a mask [R, n]."""
+    def _label(self, chosen: Tensor, ask: Callable[[Tensor], Tensor]) -> Tensor:
+        """Ask for the rewards of the rows of a mask [R, n]: [R, m], 0 where a replica has fewer."""
         rows = numbers(chosen)
         rewards = ask(rows).to(self._kinds["reward"])
         self._columns["reward"][:, : chosen.shape[1]][chosen] = rewards[rows < chosen.shape[1]]
         self._ages[chosen] = self._updates
+        return rewards.where(rows < chosen.shape[1], 0)
 
     def _label_sampled(self, rows: Tensor, replica: Tensor | int, ask: Callable[[Tensor], Tensor]) -> None:
         """Have rewards and returns of rows [...] of a replica as they are now."""
         held = self._columns
-        last = self.ahead(rows, replica)
+        last = rows if self.n_step == 1 else self.ahead(rows, replica)
         stop = self._end[replica, rows] if "outcome" in held else last
-        chosen = needed(rows, stop, replica, self.rewards.shape) & (self._ages < self._updates)
+        if stop is rows:
+            chosen = torch.zeros_like(self._ages, dtype=torch.bool)
+            chosen[replica, rows] = True
+        else:
+            chosen = needed(rows, stop, replica, self.rewards.shape)
+        chosen &= self._ages < self._updates
         if bool(chosen.any()):
-            self._label(chosen, ask)
-            self._bound(0)
+            self._widen(self._label(chosen, ask))
         held["returns"][replica, rows] = discounted_sums_at(self.rewards, rows, last, replica, self.discount).to(
             self._kinds["returns"]
         )
@@ -358,10 +363,14 @@ class Replay(Stateful):
 
     def _bound(self, new: int) -> None:
         """Between what an endless discounted sum of the rewards, cut anywhere, must lie: low and high [R, 1]."""
-        rewards, rest = self.rewards[:, new:], 1 - self.discount
+        self._widen(self.rewards[:, new:], anew=not new)
+
+    def _widen(self, rewards: Tensor, anew: bool = False) -> None:
+        """The bounds of all rewards so far and of these [R, m], or of these alone."""
+        rest = 1 - self.discount
         low, high = rewards.amin(1, keepdim=True).clamp(max=0), rewards.amax(1, keepdim=True).clamp(min=0)
         bounds = (low / rest, high / rest) if rest else (low - torch.inf, high + torch.inf)
-        if new:
+        if not anew:
             bounds = torch.minimum(self._bounds[0], bounds[0]), torch.maximum(self._bounds[1], bounds[1])
         self._bounds = bounds
 
