@@ -20,20 +20,26 @@ from credit.recovery.scaler import RootMeanSquare
 from credit.recovery.uncertainty.networks import LastLayer
 
 ROUNDS, STEPS, HORIZON, OBSERVATIONS, ACTIONS = 200, 500, 250, 17, 6  # those of HalfCheetah, 100,000 steps
-BATCH, BLOCK = 128, 25  # one update a step; so many batches are drawn at once
+BATCH, BLOCK = 128, 25  # so many batches are drawn at once
+UPDATES = (500, 50)  # a round: one a step, and one in ten
 KEYS: tuple[Relabel, ...] = ("all", 0.1, "sampled")
 
 
 def run(say: Callable[[str], None]) -> Sequence[Row]:
     """CPU seconds of a whole run's relabelling and sampling, over that of `all`; ages of sampled rewards in refits."""
-    rows, least = list[Row](), 0.0
-    for key in KEYS:
-        say(f"relabel={key}")
-        seconds, late, mean, most = measured(key)
-        least = least or seconds
-        figure = f"{seconds:.1f} s; {late * 1e3:.0f} ms; {mean:.1f}, {most}"
-        what = f"relabel={key}: CPU of {ROUNDS * STEPS:,} steps; of the last refit; age of rewards sampled, mean, most"
-        rows.append(Row(what, figure, f"{seconds / least:.2f} of all"))
+    rows = list[Row]()
+    for updates in UPDATES:
+        least = 0.0
+        for key in KEYS:
+            say(f"relabel={key}, {updates} updates a round")
+            seconds, last, mean, most = measured(key, updates)
+            least = least or seconds
+            what = (
+                f"relabel={key}, {updates} updates for {STEPS} steps: CPU of {ROUNDS * STEPS:,} steps and of the last "
+            )
+            what += "refit; age of sampled rewards in refits, mean and most"
+            figure = f"{seconds:.1f} s, {last * 1e3:.0f} ms; {mean:.1f}, {most}"
+            rows.append(Row(what, f"{figure}; {seconds / least:.2f} of all"))
     return rows
 
 
@@ -49,7 +55,7 @@ class Timed(NeuralModel):
         self.spent += time.process_time() - start
 
 
-def measured(key: Relabel) -> tuple[float, float, float, int]:
+def measured(key: Relabel, updates: int) -> tuple[float, float, float, int]:
     """CPU seconds of all refits and of the last, without the fit; ages of rewards in refits, mean and largest.
 
     Batches are drawn uniformly, so that the ages of what is sampled are those of all rows.
@@ -64,7 +70,7 @@ def measured(key: Relabel) -> tuple[float, float, float, int]:
         before, start = model.spent, time.process_time()
         recovery.observe(store)
         replay.update(store, recovery)
-        for _ in range(0, STEPS, BLOCK):
+        for _ in range(0, updates, BLOCK):
             replay.sample(BATCH, BLOCK)
         taken.append(time.process_time() - start - (model.spent - before))
         old = replay.ages.double()
