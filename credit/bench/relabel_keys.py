@@ -34,9 +34,7 @@ def run(say: Callable[[str], None]) -> Sequence[Row]:
             say(f"relabel={key}, {updates} updates a round")
             seconds, last, mean, most = measured(key, updates)
             least = least or seconds
-            what = (
-                f"relabel={key}, {updates} updates for {STEPS} steps: CPU of {ROUNDS * STEPS:,} steps, of the last "
-            )
+            what = f"relabel={key}, {updates} updates for {STEPS} steps: CPU of {ROUNDS * STEPS:,} steps, of the last "
             what += "refit; age of sampled rewards in refits, mean and most"
             figure = f"{seconds:.1f} s, {last * 1e3:.0f} ms; {mean:.1f}, {most}"
             rows.append(Row(what, f"{figure}; {seconds / least:.2f} of all"))
