@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -17,7 +18,7 @@ class Keys(Protocol):
     """What a trainer is told of its rounds."""
 
     env: Environment
-    steps: int
+    steps: int | None
     windows_per_round: int
     first_windows: int
     first_windows_per_round: int
@@ -25,6 +26,7 @@ class Keys(Protocol):
     log_every: int
     steps_per_round: int | None
     random_steps: int
+    episodes: int | None
 
 
 def problem_of(
@@ -88,6 +90,8 @@ class Plan:
         rolling: whether a unit is a step. unit: steps of one. whole: units of the run. rest: steps behind them.
         random: units at the start in which actions are random. every: units between two rows of the journal.
         rounds: units of a round. first: units at the start in rounds of their own, first_rounds: which have so many.
+        steps: of the whole run; 0 where that is not known before, since there are
+        episodes: whole ones of each replica, that are taken in rounds of steps; 0 where the units say how many.
     """
 
     rolling: bool
@@ -99,6 +103,8 @@ class Plan:
     rounds: int
     first: int = 0
     first_rounds: int = 1
+    steps: int = 0
+    episodes: int = 0
 
     @classmethod
     def of(cls, trainer: Keys, problem: Problem) -> Plan:
@@ -107,8 +113,8 @@ class Plan:
         Raises:
             UserError: they do not go together.
         """
-        steps, window = trainer.steps, problem.window
-        if steps < window:
+        steps, window = _steps(trainer, problem), problem.window
+        if steps is not None and steps < window:
             raise UserError(f"trainer.steps={steps}: shorter than one window (feedback.window={window})")
         if (size := trainer.steps_per_round) is not None:
             for key in ("first_windows", "random_windows"):
@@ -117,7 +123,13 @@ class Plan:
                         f"trainer.{key}={getattr(trainer, key)}: rounds are of steps (trainer.steps_per_round={size}); "
                         "leave it 0, and see trainer.random_steps"
                     )
-            if (copies := trainer.env.copies or 1) > 1 and (size % copies or steps % copies):
+            copies = trainer.env.copies or 1
+            if steps is None:
+                episodes = _episodes(trainer, problem, size, copies)
+                most = sys.maxsize
+                every = trainer.log_every * size
+                return cls(True, 1, most, 0, trainer.random_steps, every, size, episodes=episodes)
+            if copies > 1 and (size % copies or steps % copies):
                 raise UserError(
                     f"env.copies={copies}: each takes as many of trainer.steps_per_round={size} and trainer.steps="
                     f"{steps}; take multiples of {copies}"
@@ -127,17 +139,19 @@ class Plan:
                     f"trainer.steps={steps}: each of env.copies={copies} takes {steps // copies} of them, less than "
                     f"one window of {window}; take at least {copies * window}"
                 )
-            return cls(True, 1, steps, 0, trainer.random_steps, trainer.log_every * size, size)
+            return cls(True, 1, steps, 0, trainer.random_steps, trainer.log_every * size, size, steps=steps)
         if trainer.random_steps:
             raise UserError(
                 f"trainer.random_steps={trainer.random_steps}: rounds are of windows; see trainer.random_windows"
             )
+        assert steps is not None
+        budget = f"trainer.steps={steps}" if trainer.episodes is None else f"trainer.episodes={trainer.episodes}"
         whole, rest = divmod(steps, window)
         for key in ("windows_per_round", "first_windows_per_round", "random_windows"):
             if getattr(trainer, key) > whole:
                 raise UserError(
                     f"trainer.{key}={getattr(trainer, key)}: more than the {whole} windows of the whole run "
-                    f"(trainer.steps={steps}, feedback.window={window}); take at most {whole}, or more steps"
+                    f"({budget}, feedback.window={window}); take at most {whole}, or a longer run"
                 )
         if rest and problem.episodic and not problem.tabular:
             raise UserError(
@@ -145,10 +159,54 @@ class Plan:
                 f"{window}, like {max(whole, 1) * window}"
             )
         sizes = trainer.windows_per_round, trainer.first_windows, trainer.first_windows_per_round
-        return cls(False, window, whole, rest, trainer.random_windows, trainer.log_every, *sizes)
+        return cls(False, window, whole, rest, trainer.random_windows, trainer.log_every, *sizes, steps=steps)
 
     def size(self, done: int) -> int:
         """How many units come before the next refit, after so many; a round crosses no border."""
         size = self.first_rounds if done < self.first else self.rounds
         ends = [end - done for end in (self.first, self.random, self.whole) if end > done]
         return min([size, *ends])
+
+
+def _steps(trainer: Keys, problem: Problem) -> int | None:
+    """Steps of the run; None where episodes are counted, and rounds are of steps.
+
+    Raises:
+        UserError: neither steps nor episodes are given, or both; or there are no episodes.
+    """
+    steps, episodes = trainer.steps, trainer.episodes
+    if episodes is None:
+        if steps is None:
+            raise UserError("trainer.steps=null and trainer.episodes=null: how long is the run? Give one of them")
+        return steps
+    if steps is not None:
+        raise UserError(
+            f"trainer.steps={steps} and trainer.episodes={episodes}: a run is as long as one of them says; set the "
+            "other to null"
+        )
+    if not problem.episodic:
+        raise UserError(
+            f"trainer.episodes={episodes}: {type(trainer.env).__name__} goes on for ever and has no episodes; set it "
+            "to null, and trainer.steps"
+        )
+    return None if trainer.steps_per_round is not None else episodes * problem.window
+
+
+def _episodes(trainer: Keys, problem: Problem, size: int, copies: int) -> int:
+    """Episodes of each replica, taken in rounds of so many steps.
+
+    Raises:
+        UserError: copies do not take equally many; or there are several replicas, whose episodes end apart.
+    """
+    episodes = trainer.episodes or 0
+    if episodes % copies or size % copies:
+        raise UserError(
+            f"env.copies={copies}: each takes as many of trainer.episodes={episodes} and of trainer.steps_per_round="
+            f"{size}; take multiples of {copies}"
+        )
+    if problem.replicas > 1:
+        raise UserError(
+            f"trainer.episodes={episodes} with trainer.steps_per_round={size}: {problem.replicas} replicas side by "
+            "side take as many steps, and so not as many episodes; start one trainer a seed"
+        )
+    return episodes

@@ -36,7 +36,8 @@ class Trainer(Component):
         assigner: windows → one reward per step.
         agent: rewards → policy.
         steps: primitive steps a run; a last window that they cut short gives no label and is not learned from. Where
-            trajectories may end early, and rounds are of windows, each counts for its longest.
+            trajectories may end early, and rounds are of windows, each counts for its longest. None where there are
+        episodes: whole episodes a run, of each replica; None where there are steps.
         windows_per_round: windows collected between two refits.
         first_windows: windows at the start that are collected in rounds of their own size,
         first_windows_per_round: which is this.
@@ -58,7 +59,7 @@ class Trainer(Component):
         feedback: Feedback,
         assigner: CreditAssigner,
         agent: Agent,
-        steps: PositiveInt = 14_000,
+        steps: PositiveInt | None = 14_000,
         windows_per_round: PositiveInt = 1,
         first_windows: NonNegativeInt = 0,
         first_windows_per_round: PositiveInt = 1,
@@ -66,6 +67,7 @@ class Trainer(Component):
         log_every: PositiveInt = 40,
         steps_per_round: PositiveInt | None = None,
         random_steps: NonNegativeInt = 0,
+        episodes: PositiveInt | None = None,
     ) -> None:
         self.env = env
         self.feedback = feedback
@@ -80,6 +82,7 @@ class Trainer(Component):
         self.log_every = log_every
         self.steps_per_round = steps_per_round
         self.random_steps = random_steps
+        self.episodes = episodes
 
     def start(self, seeds: tuple[int, ...], device: torch.device | str = "cpu") -> None:
         """Make the state of one replica a seed; everything that can be refused is refused here.
@@ -98,7 +101,7 @@ class Trainer(Component):
             part.start(self.problem)
         self.collector = Collector(self.env, self.feedback, self.problem)
         self.judge = judge(self.env, self.feedback, self.problem, self.collector.evaluation)
-        self.store = Store(self.problem, self.steps if self.problem.tabular else 0)
+        self.store = Store(self.problem, self.plan.steps if self.problem.tabular else 0)
         self._shows_primitive = any(part.sees_primitive for _, part in parts)
         self.rounds = 0  # that were learned from
         self.given = 0  # windows of demonstrations
@@ -133,7 +136,7 @@ class Trainer(Component):
         Args:
             log: called with the step and the metrics [R] as `log_every` says and at the end, and at the start
                 where there are demonstrations.
-            progress: called with the number of steps taken so far.
+            progress: called with the number of steps taken so far, or of episodes, of `total`.
             between: called between two rounds, where the state is whole; it may raise to end the run there.
 
         Raises:
@@ -148,25 +151,34 @@ class Trainer(Component):
             if self.given:
                 log(0, self.metrics())
                 between()
-        while self.collected < plan.whole:
+        while not self._done():
             before, count = self.collected, plan.size(self.collected)
             actor = self._actor()
-            found = self.collector.roll(actor, count) if plan.rolling else self.collector.collect(actor, count)
+            if plan.rolling:
+                found = self.collector.roll(actor, count, plan.episodes)
+                count = self.collector.taken
+            else:
+                found = self.collector.collect(actor, count)
             self.collected += count
             if found is not None:
                 taken = self.collected - self._seen if plan.rolling else None
                 self._learn(*self._judged(*found, actor), checked=True, taken=taken)
                 self._seen = self.collected
-            progress(self.collected * plan.unit)
-            if self.collected // plan.every > before // plan.every and (self.collected < plan.whole or plan.rest):
+            progress(self.collector.episodes if plan.episodes else self.collected * plan.unit)
+            if self.collected // plan.every > before // plan.every and (plan.rest or not self._done()):
                 log(self.collected * plan.unit, self.metrics())
-            if self.collected < plan.whole:  # what a last round leaves is not all state
+            if not self._done():  # what a last round leaves is not all state
                 between()
         if plan.rest:
             windows, primitive = self.collector.collect(self._actor(), 1, plan.rest)
             self.judge.update(windows, primitive, self._actor(), complete=False)
-        progress(self.steps)
-        log(self.steps, self.metrics())
+        progress(self.total)
+        log(plan.steps or self.collected, self.metrics())
+
+    @property
+    def total(self) -> int:
+        """What a run's progress goes up to: steps, or episodes where rounds of steps take as many as these have."""
+        return self.plan.episodes or self.plan.steps
 
     def metrics(self) -> dict[str, Tensor]:
         """Metric → [R], as judged, and what the agent says of itself."""
@@ -176,6 +188,11 @@ class Trainer(Component):
     def belief(self) -> Belief | None:
         """What is believed about the reward, where the assigner believes something."""
         return self.assigner.belief()
+
+    def _done(self) -> bool:
+        if self.plan.episodes:
+            return self.collector.episodes >= self.plan.episodes
+        return self.collected >= self.plan.whole
 
     def _actor(self) -> Agent:
         return self._explorer if self.collected < self.plan.random else self.agent

@@ -147,3 +147,48 @@ def test_more_windows_than_the_run_has_are_refused(make_trainer: Make, key: str)
         UserError, match=rf"trainer\.{key}=11: more than the 10 windows.*steps=76.*window=7.*at most 10"
     ):
         trainer.start((0,))
+
+
+def test_a_budget_of_episodes_is_that_many_windows(make_trainer: Make) -> None:
+    journals = []
+    for budget in (("trainer.steps=100",), ("trainer.episodes=20", "trainer.steps=null")):
+        trainer = make_trainer("disagreement", (0, 1), "experiment=sepsis", "trainer.log_every=8", *budget)
+        assert trainer.total == 100
+        journals.append(run(trainer))
+    assert [step for step, _ in journals[0]] == [step for step, _ in journals[1]]
+    for one, other in zip(*journals, strict=True):
+        assert all(torch.equal(values, other[1][name]) for name, values in one[1].items())
+
+
+CARTPOLE = ("env=gymnasium", "env.id=CartPole-v1", "trainer.steps=null", "trainer.steps_per_round=25")
+
+
+@pytest.mark.parametrize("copies", [1, 2])
+def test_rounds_of_steps_take_whole_episodes(make_trainer: Make, copies: int) -> None:
+    rounds = (f"env.copies={copies}", f"trainer.steps_per_round={25 * copies}", "trainer.log_every=1")
+    trainer = make_trainer("random", (3,), *CARTPOLE, "trainer.episodes=6", *rounds)
+    told, steps = list[int](), [0]
+    trainer.run(lambda step, values: steps.append(step), told.append)
+    windows = trainer.store.windows
+    assert windows.terminated is not None
+    assert int(windows.terminated.sum()) == 6  # a pole falls under random actions, sooner or later
+    assert bool(windows.terminated[0, -1])
+    assert steps[-1] == trainer.collected == len(windows)
+    if copies == 1:  # of several, some wait for the last
+        assert steps[1:-1] == list(range(25, steps[-1], 25))
+    assert told[-1] == trainer.total == 6
+    assert told == sorted(told)
+
+
+def test_a_budget_is_given_once(make_trainer: Make) -> None:
+    for experiment, words, said in (
+        ("sepsis", ("trainer.episodes=6", "trainer.steps=60"), "trainer.steps=60 and trainer.episodes=6"),
+        ("sepsis", ("trainer.steps=null",), "trainer.episodes=null: how long is the run"),
+        ("advertiser", ("trainer.episodes=6", "trainer.steps=null"), "goes on for ever"),
+    ):
+        with pytest.raises(UserError, match=said):
+            make_trainer("random", (0,), f"experiment={experiment}", *words)
+    with pytest.raises(UserError, match="2 replicas side by side"):
+        make_trainer("random", (0, 1), *CARTPOLE, "trainer.episodes=6")
+    with pytest.raises(UserError, match="take multiples of 2"):
+        make_trainer("random", (0,), *CARTPOLE, "env.copies=2", "trainer.episodes=6")

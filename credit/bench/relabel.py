@@ -1,81 +1,86 @@
-"""What it costs to relabel all transitions with three models, against the forward passes that this takes."""
+"""`credit bench relabel`: what it costs to relabel all rows, a share, or what is sampled, and how old rewards are."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
-from functools import partial
 
 import torch
-from torch import Tensor
 
-from credit.bench.measure import Row, taken_in_turns
+from credit.bench.measure import Row
 from credit.core.problem import Problem
-from credit.core.seams import RewardModel
+from credit.core.seams import Relabel
 from credit.core.store import Store
 from credit.core.windows import Windows
-from credit.envs.pointmaze.environment import PointMaze
-from credit.envs.pointmaze.features import MazeCells, MazeGeometry
-from credit.recovery.features.motion import Motion
-from credit.recovery.models.linear import LinearModel
+from credit.data.replay import Replay
+from credit.recovery.features.flat import Flat
 from credit.recovery.models.neural import NeuralModel
-from credit.recovery.places import Rows
-from credit.recovery.uncertainty.bootstrap import Analytic
-from credit.recovery.uncertainty.networks import Dropout
+from credit.recovery.recovery import Recovery
+from credit.recovery.scaler import RootMeanSquare
+from credit.recovery.uncertainty.networks import LastLayer
 
-TRANSITIONS, HORIZON, PASSES = 200_000, 250, 8
-
-
-def relabelling(rounds: int = 6) -> list[Row]:
-    """CPU time of mean and variance of 200,000 rows by three models, over that of the products alone."""
-    uncertainty, known = Dropout(PASSES), PointMaze().knowledge()
-    cells, geometry = MazeCells(), MazeGeometry()
-    for features in (cells, geometry):
-        features.learn(known)
-    models: list[RewardModel] = [
-        NeuralModel("dnn", Motion(), uncertainty),
-        NeuralModel("heuristic", geometry, uncertainty, width=32, sparsity=0.0),
-        LinearModel("box", cells, Analytic(None), regularization=1.0, unit=10.0),
-    ]
-    problem = Problem.vectors(4, 2, HORIZON, (0,))
-    places, store = Rows(problem), Store(problem)
-    for model in models:
-        model.start(problem, places)
-    store.append(trajectories())
-    places.extend(store)
-    for model in models:
-        model.observe(store)
-    inputs = [features(store.windows)[0] for features in (Motion(), geometry)]
-    nets = [(rows, chain(rows.shape[1], width)) for rows, width in zip(inputs, (64, 32), strict=True)]
-
-    def ours() -> None:
-        for model in models:
-            model.estimate()
-
-    works: dict[str, Callable[[], object]] = {"ours": ours, "bare": partial(bare, nets)}
-    seconds = taken_in_turns(works, rounds)
-    ratio = seconds["ours"] / seconds["bare"]
-    what = f"ms to relabel {TRANSITIONS} rows by three models, {PASSES} passes; the bare passes; ratio"
-    figure = f"{seconds['ours'] * 1e3:.0f}, {seconds['bare'] * 1e3:.0f}; {ratio:.2f}"
-    return [Row(what, figure, "≤ 1.5", ratio <= 1.5)]
+ROUNDS, STEPS, HORIZON, OBSERVATIONS, ACTIONS = 200, 500, 250, 17, 6  # those of HalfCheetah, 100,000 steps
+BATCH, BLOCK = 128, 25  # so many batches are drawn at once
+UPDATES = (500, 50)  # a round: one a step, and one in ten
+KEYS: tuple[Relabel, ...] = ("all", 0.1, "sampled")
 
 
-def trajectories() -> Windows:
-    """Balls anywhere, in trajectories of H steps with labels of both kinds."""
-    count, generator = TRANSITIONS // HORIZON, torch.Generator().manual_seed(0)
-    states = torch.rand(1, count, HORIZON, 4, generator=generator) * 6 - 3
-    actions = torch.rand(1, count, HORIZON, 2, generator=generator) * 2 - 1
-    return Windows.of_grid(states, actions, states, (torch.arange(count).view(1, -1) % 2).double())
+def run(say: Callable[[str], None]) -> Sequence[Row]:
+    """CPU seconds of a whole run's relabelling and sampling, over that of `all`; ages of sampled rewards in refits."""
+    rows = list[Row]()
+    for updates in UPDATES:
+        least = 0.0
+        for key in KEYS:
+            say(f"relabel={key}, {updates} updates a round")
+            seconds, last, mean, most = measured(key, updates)
+            least = least or seconds
+            what = f"relabel={key}, {updates} updates for {STEPS} steps: CPU of {ROUNDS * STEPS:,} steps, of the last "
+            what += "refit; age of sampled rewards in refits, mean and most"
+            figure = f"{seconds:.1f} s, {last * 1e3:.0f} ms; {mean:.1f}, {most}"
+            rows.append(Row(what, f"{figure}; {seconds / least:.2f} of all"))
+    return rows
 
 
-def chain(inputs: int, width: int) -> list[Tensor]:
-    """Weights of inputs → width → width → 1."""
-    sizes = ((inputs, width), (width, width), (width, 1))
-    return [torch.randn(size, generator=torch.Generator().manual_seed(0)) for size in sizes]
+class Timed(NeuralModel):
+    """A model that knows how long its fits took."""
+
+    spent = 0.0
+
+    def observe(self, store: Store) -> None:
+        """Fit, by the clock."""
+        start = time.process_time()
+        super().observe(store)
+        self.spent += time.process_time() - start
 
 
-def bare(nets: Sequence[tuple[Tensor, Sequence[Tensor]]]) -> None:
-    """Products and ReLUs of all passes of all networks, without bias, masks, mean or variance, on rows in the cache."""
-    for inputs, (first, second, last) in nets:
-        for part in inputs.split(1024):
-            for _ in range(PASSES):
-                _ = (part @ first).relu_().mm(second).relu_() @ last
+def measured(key: Relabel, updates: int) -> tuple[float, float, float, int]:
+    """CPU seconds of all refits and of the last, without the fit; ages of rewards in refits, mean and largest.
+
+    Batches are drawn uniformly, so that the ages of what is sampled are those of all rows.
+    """
+    model = Timed("dnn", Flat(), LastLayer(), first_steps=5, steps=1, stride=None, balance="none", standardise=True)
+    recovery = Recovery(model, scaler=RootMeanSquare(), relabel=key)
+    problem = Problem.vectors(OBSERVATIONS, ACTIONS, HORIZON, (0,))
+    recovery.start(problem)
+    store, replay, taken, ages, most = Store(problem), Replay(problem), list[float](), list[float](), 0
+    for number in range(ROUNDS):
+        store.append(windows(number))
+        before, start = model.spent, time.process_time()
+        recovery.observe(store)
+        replay.update(store, recovery)
+        for _ in range(0, updates, BLOCK):
+            replay.sample(BATCH, BLOCK)
+        taken.append(time.process_time() - start - (model.spent - before))
+        old = replay.ages.double()
+        ages.append(float(old.mean()))
+        most = max(most, int(old.max()))
+    return sum(taken), taken[-1], sum(ages) / len(ages), most
+
+
+def windows(seed: int) -> Windows:
+    """A round of steps in two windows."""
+    generator = torch.Generator().manual_seed(seed)
+    shape = (1, STEPS // HORIZON, HORIZON)
+    states = torch.randn(*shape, OBSERVATIONS, generator=generator)
+    actions = torch.rand(*shape, ACTIONS, generator=generator) * 2 - 1
+    return Windows.of_grid(states, actions, states, torch.randn(shape[:2], generator=generator).double())

@@ -18,7 +18,7 @@ from credit.agents.sac.learner import Learner
 from credit.agents.sac.networks import extract_actor
 from credit.bench import peers
 from credit.bench.measure import Row, taken_in_turns
-from credit.bench.relabel import relabelling
+from credit.bench.relabelling import relabelling
 from credit.core.problem import Problem
 from credit.envs.collect import Collector as OurCollector
 from credit.envs.feedback import Success

@@ -16,6 +16,7 @@ from credit.core.errors import UserError, nearest
 BENCHES = {
     "tabular": "the advertiser's tabular core against the naive way: time, growth, memory, agreement",
     "sac": "SAC's updates and collection against Stable-Baselines3, TorchRL, plain PyTorch; seeds side by side",
+    "relabel": "relabelling all rows, a share, or what is sampled after every refit: time, age of rewards",
     "reliability": "runs and a sweep that are killed and gone on with; what tracking bears, and costs",
     "sepsis": "the solver for thousands of unknown rewards: time, growth, against a dense solve, memory",
     "returns": "returns of SAC and DQN on true rewards against Stable-Baselines3's: hours, and only by name",

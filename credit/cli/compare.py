@@ -28,6 +28,7 @@ Usage: credit compare [KEY=VALUE ...]
   seed=N                 the first seed                                  (all)
   replicas=N             how many seeds from there (or 0) on             (all)
   reference=METHOD       the method that the others are compared to      (reference)
+  metric=NAME            rank methods by it, such as eval/return         (what their judge ranks by)
   trapped_above=X        final regret above which a seed is trapped      (300)
   diagnostics_seed=N     maps (and in a maze trajectories) of this seed  (mean; median seed)
   videos=true|false      film the final policies in a maze               (true)
@@ -138,6 +139,7 @@ READERS: dict[str, Reader] = {
     "seed": ("seed", whole(0), "a whole number, 0 or more"),
     "replicas": ("replicas", whole(1), "a whole number, 1 or more"),
     "reference": ("reference", name, "one name"),
+    "metric": ("metric", str, "the name of a metric, such as eval/return"),
     "trapped_above": ("trapped_above", float, "a number"),
     "diagnostics_seed": ("diagnostics_seed", whole(0), "a whole number, 0 or more"),
     "videos": ("videos", _switch, "true or false"),

@@ -51,7 +51,7 @@ def compose(overrides: Sequence[str] = (), config_dirs: Sequence[str] = ()) -> d
     """
     if named := [text for text in overrides if is_sweep_file(text)]:
         raise UserError(f"{named[0]!r} is a sweep of many jobs, and this is one; `credit train -m {named[0]}` runs it")
-    words = with_experiment(overrides, config_dirs)
+    words = with_budget(with_experiment(overrides, config_dirs))
     for text in overrides:
         if (first := str(parse(text).key_or_group).partition(".")[0]) in ROLES:
             raise UserError(f"{text!r}: {first} is not for the command line: {ROLES[first]}")
@@ -87,6 +87,15 @@ def with_experiment(overrides: Sequence[str], config_dirs: Sequence[str] = ()) -
         return [f"experiment={env}", *overrides]
     own = [text for text in overrides if str(parse(text).key_or_group).partition(".")[0] == "env"]
     return [f"experiment={_generic(tuple(own), tuple(config_dirs), files.stamp(config_dirs))}", *overrides]
+
+
+def with_budget(words: Sequence[str]) -> list[str]:
+    """The words, with no steps where episodes alone are given: a budget that was typed takes the place of a file's."""
+    given = {str(parsed.key_or_group): parsed for parsed in map(parse, words)}
+    episodes = given.get("trainer.episodes")
+    if episodes is None or episodes.value() is None or "trainer.steps" in given:
+        return list(words)
+    return [*words, "trainer.steps=null"]
 
 
 @lru_cache(maxsize=64)

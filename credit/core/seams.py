@@ -10,9 +10,10 @@ from __future__ import annotations
 import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any, ClassVar, Literal, NamedTuple, Protocol
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Protocol
 
 import torch
+from annotated_types import Interval
 from torch import Tensor
 
 from credit.core.belief import Belief, Estimate
@@ -28,6 +29,7 @@ from credit.core.tensors import matvec
 from credit.core.truth import Truth
 from credit.core.windows import Windows
 
+Relabel = Literal["all", "sampled"] | Annotated[float, Interval(gt=0, lt=1)]
 Objective = Literal["sum", "last", "success"]  # a label is about all rewards of a window, its last one, or its goal
 
 
@@ -199,7 +201,13 @@ class Mixer(Component):
 
 
 class Bonus(Component):
-    """What optimism adds to the mixed reward."""
+    """What optimism adds to the mixed reward.
+
+    Attributes:
+        by_belief: whether it follows from the belief about a place alone, so that it can be asked for some places.
+    """
+
+    by_belief: ClassVar[bool] = False
 
     def start(self, problem: Problem) -> None:
         """Make streams, where the bonus is random."""
@@ -214,15 +222,39 @@ class Bonus(Component):
 
 
 class Scaler(Component):
-    """How the mixed pseudo-reward is scaled and clipped before an agent sees it. It decides continuous control."""
+    """How the mixed pseudo-reward is scaled and clipped before an agent sees it. It decides continuous control.
+
+    Attributes:
+        cap: the most that a scaled reward can be, where there is such a number.
+    """
+
+    cap: float | None = None
 
     @abstractmethod
     def __call__(self, rewards: Tensor) -> tuple[Tensor, Tensor]:
         """The scaled rewards [n] of one replica, and the unit [] by which they were divided."""
 
+    def like(self, seen: Tensor) -> tuple[Callable[[Tensor], Tensor], Tensor]:
+        """How rewards are scaled where `seen` [n] stand for all of a replica: a function of any of them, and the unit.
+
+        Raises:
+            UserError: a scaler of one's own that does not say it.
+        """
+        raise UserError(
+            f"{type(self).__name__} does not say how some rewards are scaled as all would be; give it `like`, or set "
+            "assigner.relabel=all"
+        )
+
 
 class CreditAssigner(Component):
-    """Windows → one reward per step: a redistribution, or recovery with reward models."""
+    """Windows → one reward per step: a redistribution, or recovery with reward models.
+
+    Attributes:
+        relabel: which old rows a replay asks for after a refit, where rewards change: all, a share of them, the oldest
+            rewards first, or those that are sampled. Where it is not all, `at` must be there.
+    """
+
+    relabel: Relabel = "all"
 
     @abstractmethod
     def start(self, problem: Problem) -> None:
@@ -235,6 +267,10 @@ class CreditAssigner(Component):
     @abstractmethod
     def rewards(self, windows: Windows) -> Tensor:
         """The pseudo-reward of every row [R, n] of the newest windows, or of all windows."""
+
+    def at(self, rows: Tensor) -> Tensor:
+        """The pseudo-reward of some rows of all windows, by number [R, m]."""
+        raise NotImplementedError
 
     def belief(self) -> Belief | None:
         """What is believed about the reward, where something is."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Any, Literal, NamedTuple
 
 import torch
 from torch import Tensor
@@ -18,7 +18,8 @@ from credit.core.store import Store, put
 from credit.core.tensors import grown
 from credit.core.windows import Windows
 from credit.data.preferred import Prefer, preferred, require_bits
-from credit.data.returns import discounted_sums, episode_ends
+from credit.data.relabel import needed, numbers, oldest
+from credit.data.returns import discounted_sums, discounted_sums_at, episode_ends
 
 NO_ROWS = "this replay has no rows yet; give it some by `update` or `relabel`"
 
@@ -95,6 +96,9 @@ class Replay(Stateful):
         self._columns: dict[str, Tensor] = {}  # [R, room], room for all rows
         self._counts: list[int] = []  # rows of each replica
         self._bounds: tuple[Tensor, Tensor]  # low and high
+        self._ages = self._replica[:, :0].int()  # the update of each row's reward [R, n], where some stay as they are
+        self._updates = 0
+        self._ask: Callable[[Tensor], Tensor] | None = None  # for the rewards of rows, when they are sampled
 
     @property
     def windows(self) -> Windows:
@@ -112,13 +116,23 @@ class Replay(Stateful):
         """The reward of every row [R, n], 0 where a replica has fewer."""
         return self._columns["reward"][:, : len(self.windows)]
 
+    @property
+    def ages(self) -> Tensor:
+        """How many updates ago the reward was made that a sample of each row now has [R, n]."""
+        stays = self._ages.shape[1] and self._ask is None
+        return self._updates - self._ages if stays else torch.zeros_like(self.rewards, dtype=torch.int32)
+
     def update(self, store: Store, assigner: CreditAssigner, cost: float = 0.0) -> None:
         """Take the rewards of an assigner, less a cost: for all rows where old ones change, else for the newest.
+
+        What the assigner says of `relabel` may leave old rewards as they are, or all until they are sampled.
 
         Args:
             store: all windows. assigner: the same every time.
         """
-        if assigner.learns or self._counts != store.before.tolist():
+        if assigner.learns and assigner.relabel != "all":
+            self._update_some(store, lambda rows: assigner.at(rows) - cost, assigner.relabel)
+        elif assigner.learns or self._counts != store.before.tolist():
             self.relabel(store.windows, assigner.rewards(store.windows) - cost, checked=True)
         else:
             self.extend(store.windows, assigner.rewards(store.new) - cost, checked=True)
@@ -174,14 +188,73 @@ class Replay(Stateful):
             self._columns["reward"][:, before[0] : rows] = rewards
         else:
             put(self._columns["reward"], rewards.to(self._kinds["reward"]), before, added)
+        self._settle(windows, counts, min(before))
+
+    def _settle(self, windows: Windows, counts: list[int], new: int) -> None:
+        """Fill what follows from rewards and windows, where rows from `new` on are new."""
         self._windows, self._counts = windows, counts
         forgotten = windows.labels.shape[1] - (self.capacity or windows.labels.shape[1])
         first = windows.ends[:, forgotten - 1] + 1 if forgotten > 0 else torch.zeros_like(self._replica[:, 0])
         self._first = first.unsqueeze(1)
-        self._size = torch.tensor(counts, device=rewards.device).unsqueeze(1) - self._first
-        self._sum(min(before))
-        self._bound(min(before))
+        self._size = torch.tensor(counts, device=first.device).unsqueeze(1) - self._first
+        self._sum(new)
+        self._bound(new)
         self._prefer(max(forgotten, 0))
+
+    def _update_some(self, store: Store, ask: Callable[[Tensor], Tensor], relabel: float | Literal["sampled"]) -> None:
+        """Make room for the new rows, and ask for the rewards of some, or for none as long as none is sampled."""
+        windows, before = store.windows, self._counts
+        rows, self._updates = len(windows), self._updates + 1
+        counts = [rows] * len(windows.labels) if windows.count is None else windows.count.tolist()
+        if not all(counts):
+            raise RuntimeError(f"replicas {[r for r, count in enumerate(counts) if not count]} have no rows")
+        self._make_room(rows)
+        self._ages = torch.nn.functional.pad(self._ages, (0, rows - self._ages.shape[1]))
+        if relabel == "sampled":
+            self._columns["reward"].zero_()  # what is not known bounds no return
+            self._settle(windows, counts, 0)
+            self._ask = ask
+            return
+        begin = self._first.flatten().tolist() if before else [0] * len(counts)
+        self._label(oldest(self._ages, begin, before or [0] * len(counts), counts, relabel), ask)
+        self._settle(windows, counts, 0)
+
+    def _make_room(self, rows: int) -> None:
+        """Columns of so many rows at least."""
+        shape = (len(self._replica), rows)
+        for name, kind in self._kinds.items():
+            if name not in self._columns:
+                self._columns[name] = torch.zeros(shape, dtype=kind, device=self._replica.device)
+            elif rows > self._columns[name].shape[1]:
+                self._columns[name] = grown(self._columns[name], rows)
+
+    def _label(self, chosen: Tensor, ask: Callable[[Tensor], Tensor]) -> Tensor:
+        """Ask for the rewards of the rows of a mask [R, n]: [R, m], 0 where a replica has fewer."""
+        rows = numbers(chosen)
+        rewards = ask(rows).to(self._kinds["reward"])
+        self._columns["reward"][:, : chosen.shape[1]][chosen] = rewards[rows < chosen.shape[1]]
+        self._ages[chosen] = self._updates
+        return rewards.where(rows < chosen.shape[1], 0)
+
+    def _label_sampled(self, rows: Tensor, replica: Tensor | int, ask: Callable[[Tensor], Tensor]) -> None:
+        """Have rewards and returns of rows [...] of a replica as they are now."""
+        held = self._columns
+        last = rows if self.n_step == 1 else self.ahead(rows, replica)
+        stop = self._end[replica, rows] if "outcome" in held else last
+        if stop is rows:
+            chosen = torch.zeros_like(self._ages, dtype=torch.bool)
+            chosen[replica, rows] = True
+        else:
+            chosen = needed(rows, stop, replica, self.rewards.shape)
+        chosen &= self._ages < self._updates
+        if bool(chosen.any()):
+            self._widen(self._label(chosen, ask))
+        held["returns"][replica, rows] = discounted_sums_at(self.rewards, rows, last, replica, self.discount).to(
+            self._kinds["returns"]
+        )
+        if "outcome" in held:
+            outcome = discounted_sums_at(self.rewards, rows, stop, replica, self.discount)
+            held["outcome"][replica, rows] = outcome.to(self._kinds["outcome"])
 
     def sample(self, batch: int, count: int = 1) -> list[Batch]:
         """`count` batches of `batch` rows a replica.
@@ -224,6 +297,8 @@ class Replay(Stateful):
         """Some rows [..., R, B] of each replica, or [B] of one."""
         windows, held = self.windows, self._columns
         replica = self._replica if replica is None else replica
+        if self._ask is not None:
+            self._label_sampled(rows, replica, self._ask)
         ahead = self.ahead(rows, replica)
         step = rows % windows.length if windows.length else None
         after = None
@@ -244,13 +319,29 @@ class Replay(Stateful):
         )
 
     def state_dict(self) -> dict[str, Any]:
-        """The streams: rows are the store's, and rewards are given anew before the next batch."""
-        return {"draws": self._draws.state_dict()}
+        """The streams: rows are the store's, and rewards are given anew before the next batch; but those that stay."""
+        held: dict[str, Any] = {"draws": self._draws.state_dict()}
+        if self._ages.shape[1] and self._ask is None:
+            stay = {
+                "reward": self._columns["reward"][:, : self._ages.shape[1]],
+                "ages": self._ages,
+                "first": self._first,
+            }
+            held |= {name: column.cpu().clone() for name, column in stay.items()}
+            held |= {"counts": list(self._counts), "updates": self._updates}
+        return held
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Draw on from there."""
         self._draws.load_state_dict(state["draws"])
         self._counts = []
+        if "ages" in state:
+            device = self._replica.device
+            rewards, self._ages, self._first = (state[name].to(device) for name in ("reward", "ages", "first"))
+            self._columns = {}
+            self._make_room(rewards.shape[1])
+            self._columns["reward"].copy_(rewards)
+            self._counts, self._updates = list(state["counts"]), state["updates"]
 
     def _sum(self, new: int) -> None:
         """Fill the columns that follow from rewards, where rows from `new` on are new."""
@@ -258,6 +349,8 @@ class Replay(Stateful):
         apart = self._problem.episodic and windows.ended is None  # no sum runs from old windows into new ones
         start = new if apart else 0 if "outcome" in held else max(0, new - self.n_step + 1)
         end, over = episode_ends(windows, self._problem.episodic, start)
+        if "outcome" in held:
+            self._end = end  # of the rows from `start` on
         here = torch.arange(start, len(windows), device=end.device)
         last = torch.minimum(here + self.n_step - 1, end)
         part = slice(start, len(windows))
@@ -270,10 +363,14 @@ class Replay(Stateful):
 
     def _bound(self, new: int) -> None:
         """Between what an endless discounted sum of the rewards, cut anywhere, must lie: low and high [R, 1]."""
-        rewards, rest = self.rewards[:, new:], 1 - self.discount
+        self._widen(self.rewards[:, new:], anew=not new)
+
+    def _widen(self, rewards: Tensor, anew: bool = False) -> None:
+        """The bounds of all rewards so far and of these [R, m], or of these alone."""
+        rest = 1 - self.discount
         low, high = rewards.amin(1, keepdim=True).clamp(max=0), rewards.amax(1, keepdim=True).clamp(min=0)
         bounds = (low / rest, high / rest) if rest else (low - torch.inf, high + torch.inf)
-        if new:
+        if not anew:
             bounds = torch.minimum(self._bounds[0], bounds[0]), torch.maximum(self._bounds[1], bounds[1])
         self._bounds = bounds
 

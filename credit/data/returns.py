@@ -45,3 +45,16 @@ def discounted_sums(rewards: Tensor, last: Tensor, discount: float, most: int) -
         size = behind.shape[1]
         total[:, :size] += torch.where(here[:size] + k <= last[:, :size], discount**k * behind, 0)
     return total
+
+
+def discounted_sums_at(rewards: Tensor, rows: Tensor, last: Tensor, replica: Tensor | int, discount: float) -> Tensor:
+    """The same sums from some rows [...] of a replica up to the rows `last` [...], in float64.
+
+    Args:
+        rewards: [R, n]. rows, last: where they begin and end. replica: whose, to be broadcast with them.
+    """
+    total = torch.zeros_like(rows, dtype=torch.float64)
+    for k in range(int((last - rows).max()) + 1):
+        here = (rows + k).clamp(max=rewards.shape[1] - 1)
+        total += torch.where(rows + k <= last, discount**k * rewards[replica, here].double(), 0)
+    return total

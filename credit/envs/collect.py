@@ -51,6 +51,8 @@ class Collector(Stateful):
         self._env, self._feedback, self._problem = env, feedback, problem
         self._worlds: dict[int, World] = {}  # K → K copies
         self._rolling: Rolling | None = None
+        self.taken = 0  # steps of a replica in the last call of `roll`
+        self.episodes = 0  # whole ones in all of them, of the replica that has the fewest
 
     def collect(self, policy: Act, windows: int, steps: int | None = None) -> tuple[Windows, Tensor]:
         """Some windows of each replica, and their primitive rewards [R, n].
@@ -65,15 +67,21 @@ class Collector(Stateful):
             return self._episodes(policy, windows, steps)
         return self._even(policy, windows, steps or self._problem.window)
 
-    def roll(self, policy: Act, steps: int) -> tuple[Windows, Tensor] | None:
+    def roll(self, policy: Act, steps: int, episodes: int = 0) -> tuple[Windows, Tensor] | None:
         """So many steps of each replica, and the windows whose labels have come since, with primitive rewards [R, n].
+
+        Args:
+            policy: whom to follow. steps: of each replica. episodes: behind which no step is taken, an equal share by
+                each copy; 0 for no such limit.
 
         Returns:
             None as long as a replica has no window at all.
         """
         if self._rolling is None:
             self._rolling = Rolling(self._env, self._feedback, self._problem)
-        return self._rolling.collect(policy, steps // (self._env.copies or 1))
+        found = self._rolling.collect(policy, steps // (self._env.copies or 1), episodes // (self._env.copies or 1))
+        self.taken, self.episodes = self._rolling.taken, self._rolling.episodes
+        return found
 
     def evaluation(self, episodes: int) -> Apart:
         """Episodes of each replica with copies and random numbers of their own."""
@@ -102,6 +110,7 @@ class Collector(Stateful):
         if state.get("rolling") is not None:
             self._rolling = Rolling(self._env, self._feedback, self._problem)
             self._rolling.load_state_dict(state["rolling"])
+            self.episodes = self._rolling.episodes
 
     def _even(self, policy: Act, windows: int, steps: int) -> tuple[Windows, Tensor]:
         """Windows of the same length: those of one copy follow each other, others run side by side."""

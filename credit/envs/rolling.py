@@ -79,49 +79,67 @@ class Rolling(Stateful):
         self._lengths = torch.full_like(self._step, problem.window)  # that it is to have
         self._inside = problem.window < problem.horizon or feedback.lengths is not None  # windows are parts of episodes
         self._clock = 0  # steps of each copy
+        self._ended = torch.zeros_like(self._step)  # episodes of each copy that are over
+        self.taken = 0  # steps of a replica in the last call of `collect`
         self._tape: Tape | None = None
         self._missing = Queues(problem, "feedback, missing", "uniform", 1)
         self._drawn = Queues(problem, "feedback, window", "uniform", 1)
 
-    def collect(self, policy: Act, steps: int) -> tuple[Windows, Tensor] | None:
+    @property
+    def episodes(self) -> int:
+        """Whole episodes of the replica that has the fewest."""
+        return int(self._ended.sum(1).min())
+
+    def collect(self, policy: Act, steps: int, episodes: int = 0) -> tuple[Windows, Tensor] | None:
         """So many steps of each copy, and the windows whose labels have come since, with primitive rewards [R, n].
+
+        Args:
+            policy: whom to follow. steps: of each copy. episodes: of each copy, behind which it waits; 0 for no limit.
 
         Returns:
             None as long as a replica has no window at all.
         """
-        self._tape = self._taken(policy, steps).after(self._tape)
+        self._tape = self._taken(policy, steps, episodes).after(self._tape)
         return self._released(self._tape)
 
     @torch.no_grad()
-    def _taken(self, policy: Act, steps: int) -> Tape:
+    def _taken(self, policy: Act, steps: int, episodes: int) -> Tape:
         """The newest steps."""
         env, world = self._world.env, self._world
         if world.now is None:
             world.now = first_states(world, self._problem)
             self._next_lengths(torch.ones_like(self._step, dtype=torch.bool))
-        rows = list[tuple[Tensor, ...]]()
+        rows, everyone = list[tuple[Tensor, ...]](), torch.ones_like(self._step, dtype=torch.bool)
         for _ in range(steps):
+            going = self._ended < episodes if episodes else everyone
+            if not going.any():
+                break
+            waits = bool(episodes) and not bool(going.all())
             action = policy.act(world.now, self._step)
-            out = env.step(action)
+            out = env.step(action, going) if waits else env.step(action)
             seen = out.rewards if self._feedback.reads is None else out.facts.get(self._feedback.reads, out.rewards)
             nothing = torch.zeros_like(self._step, dtype=torch.bool)
             terminated = nothing if out.terminated is None else out.terminated
             ended = nothing if out.terminated is None else over(out)
-            self._clock, self._age = self._clock + 1, self._age + 1
-            full = self._age >= self._lengths
+            if waits:
+                terminated, ended = terminated & going, ended & going
+            self._clock, self._age = self._clock + 1, self._age + going
+            full = going & (self._age >= self._lengths)
             closes = ended | full
             due = torch.full_like(self._step, self._clock + self._feedback.delay)
             short = ended & ~full if self._inside else nothing
             rows.append(
                 (
                     *(world.now, action, out.states, out.rewards.to(FLOAT), seen.to(FLOAT), self._step),
-                    *(ended, terminated, closes, short, due, torch.ones_like(closes)),
+                    *(ended, terminated, closes, short, due, going),
                 )
             )
-            self._step = torch.where(ended, 0, self._step + 1)
+            self._ended = self._ended + ended
+            self._step = torch.where(ended, 0, self._step + going)
             self._age = torch.where(closes, 0, self._age)
             self._next_lengths(closes)
             world.now = env.reset(ended) if bool(ended.any()) else out.states
+        self.taken = int(torch.stack([row[-1] for row in rows], 2).sum((1, 2)).max())
         return Tape(*(torch.stack(column, 2) for column in zip(*rows, strict=True)))
 
     def _next_lengths(self, begins: Tensor) -> None:
@@ -142,7 +160,8 @@ class Rolling(Stateful):
         closes = tape.closes & done
         windows = self._windows(tape, done, closes)
         rest = tape.held & ~done
-        most = max(int(rest.sum(2).max()), 1)
+        waiting = rest.flatten(0, 1).any(0)  # in which columns; behind the last step of a copy there may be more
+        most = len(waiting) - int(waiting.long().argmax()) if bool(waiting.any()) else 1
         kept = tape.map(lambda column: column[:, :, -most:].clone())
         kept.held, kept.closes = rest[:, :, -most:].clone(), (tape.closes & rest)[:, :, -most:].clone()
         self._tape = kept
@@ -198,6 +217,7 @@ class Rolling(Stateful):
             "now": None if self._world.now is None else self._world.now.cpu().clone(),
             "env": self._world.env.state_dict() if self._own else None,
             "clock": self._clock,
+            "ended": self._ended.cpu().clone(),
             "streams": [self._missing.state_dict(), self._drawn.state_dict()],
             "tape": None if tape is None else {f.name: getattr(tape, f.name).cpu().clone() for f in fields(tape)},
             **{name: value.cpu().clone() for name, value in own.items()},
@@ -210,6 +230,7 @@ class Rolling(Stateful):
         if state["env"] is not None:
             self._world.env.load_state_dict(state["env"])
         self._clock = state["clock"]
+        self._ended = state.get("ended", torch.zeros_like(self._ended)).to(device)
         for stream, held in zip((self._missing, self._drawn), state["streams"], strict=True):
             stream.load_state_dict(held)
         held = state["tape"]

@@ -45,6 +45,8 @@ def disagreement_signal(mse: Tensor, disagreement: Tensor, best: Tensor) -> Tens
 class _Scaled(Bonus):
     """A bonus c·(…)/√(λ + N) that decays with the visits; or, where none can be counted, one that does not."""
 
+    by_belief: ClassVar = True
+
     def __init__(self, scale: NonNegative = 1.0, lambda_visits: Positive | None = 1.0) -> None:
         self.scale = scale
         self.lambda_visits = lambda_visits

@@ -11,11 +11,12 @@ from credit.core.belief import Belief
 from credit.core.errors import RunError
 
 
-def require_finite(rewards: Tensor, belief: Belief, seeds: Sequence[int]) -> None:
+def require_finite(rewards: Tensor, belief: Belief, seeds: Sequence[int], at: Tensor | None = None) -> None:
     """Refuse rewards that are not finite, at places that count.
 
     Args:
-        rewards: what an agent is to be given [R, N]. belief: what they were made of. seeds: one a replica.
+        rewards: what an agent is to be given [R, N]. belief: what they were made of. seeds: one a replica. at: which
+            places those are [R, N], where they are not all.
 
     Raises:
         RunError: one is not finite; with the part from which that came, its value, the seed and the place.
@@ -28,9 +29,11 @@ def require_finite(rewards: Tensor, belief: Belief, seeds: Sequence[int]) -> Non
             bad &= belief.valid
         if bad.any():
             replica, place = (int(i) for i in bad.nonzero()[0])
+            value = float(values[replica, place])
+            place = place if at is None else int(at[replica, place])
             where = f"row {place}" if belief.cells is None else f"cell {place} of ({', '.join(belief.cells.axes)})"
             raise RunError(
-                f"{part} is {float(values[replica, place])} at {where} of seed {seeds[replica]}, and rewards must be "
+                f"{part} is {value} at {where} of seed {seeds[replica]}, and rewards must be "
                 "finite; are its features, labels and settings finite?"
             )
 

@@ -14,7 +14,7 @@ from credit.core.belief import Belief, Estimate
 from credit.core.cells import Cells
 from credit.core.errors import UserError
 from credit.core.problem import FLOAT, Problem
-from credit.core.seams import Bonus, CreditAssigner, Mixer, RewardModel, Scaler
+from credit.core.seams import Bonus, CreditAssigner, Mixer, Relabel, RewardModel, Scaler
 from credit.core.steps import Steps
 from credit.core.store import Store
 from credit.core.windows import Windows
@@ -24,6 +24,7 @@ from credit.recovery.places import Rows, Table
 from credit.recovery.proxies import gap, mse_proxies
 from credit.recovery.tables import Alike, spread_out
 
+SPREAD_OUT = 10_000  # steps that stand for all of a replica, where not all are relabelled
 SPREAD = ("mean", "mse", "disagreement", "weights", "best", "mixed")  # from the cells that stand for others
 
 
@@ -38,6 +39,9 @@ class Recovery(CreditAssigner):
         mixer: MSE proxies → weights; None for relative MSE (14) with its defaults.
         bonus: name → what optimism adds, or one; their sum is the bonus.
         scaler: how the mixed reward is scaled for the agent; optimism is added after it, in its unit.
+        relabel: for which steps the reward is recovered after every refit, where places are the steps: all; the newest
+            and a share of the others, those first whose reward is the oldest; or those that an agent samples. Where it
+            is not all, the scaler's unit is that of at most 10,000 steps, evenly spread.
 
     Example:
         >>> recovery = Recovery(LinearModel("ridge", Identity(), Bootstrap())).fit(windows, problem)
@@ -55,12 +59,13 @@ class Recovery(CreditAssigner):
         mixer: Mixer | None = None,
         bonus: Mapping[str, Bonus] | Bonus | None = None,
         scaler: Scaler | None = None,
+        relabel: Relabel = "all",
     ) -> None:
         self.reference, self.surrogates = reference, dict(surrogates or {})
         self.models = [reference, *self.surrogates.values()]
         self.mixer = RelativeMSE() if mixer is None else mixer
         self.bonus = {"bonus": bonus} if isinstance(bonus, Bonus) else dict(bonus or {})
-        self.scaler = scaler
+        self.scaler, self.relabel = scaler, relabel
         self.names = names_of(self.models)
         owned = [model.uncertainty for model in self.models if model.uncertainty is not None]
         self._uncertainties = list({id(one): one for one in owned}.values())  # one may serve several models
@@ -72,6 +77,7 @@ class Recovery(CreditAssigner):
             UserError: a model looks at the step of windows that follow each other; or uncertainties do not go together.
         """
         self._check_uncertainties()
+        self._check_relabel(problem)
         self._places = Table(problem, self._cells(problem)) if problem.tabular else Rows(problem)
         self._kind = FLOAT if problem.tabular else torch.float32  # single steps are many
         self._seeds, self._device = problem.seeds, problem.device
@@ -107,6 +113,21 @@ class Recovery(CreditAssigner):
                     f"mixer: {type(self.mixer).__name__} weighs models by labels that a common {wanted.__name__} held "
                     f"out, and {model.name!r} has none or another; let all models share one, or choose another mixer"
                 )
+
+    def _check_relabel(self, problem: Problem) -> None:
+        """Some steps can stand alone only where nothing looks at all of them."""
+        if self.relabel == "all":
+            return
+        key = f"assigner.relabel={self.relabel}"
+        if problem.tabular:
+            raise UserError(f"{key}: rewards are those of a table's cells here, and all are recovered; set it to all")
+        if self.mixer.sees_label_errors:
+            raise UserError(f"{key}: {type(self.mixer).__name__} predicts all labels; set it to all, or another mixer")
+        for name, bonus in self.bonus.items():
+            if not bonus.by_belief:
+                raise UserError(f"{key}: the bonus {name!r} looks at all steps; set it to all, or leave the bonus out")
+        if self.scaler is not None:
+            self.scaler.like(torch.zeros(0))
 
     def _cells(self, problem: Problem) -> Cells:
         axes = {axis for model in self.models for axis in model.looks_at}
@@ -146,14 +167,35 @@ class Recovery(CreditAssigner):
         self._places.extend(store)
         for model in self.models:
             model.observe(store)
+        if self.relabel != "all":
+            self._look_at_some()
+            return
         self._belief = self._believe(store)
         self._rewards, self._mixed_rewards = self._belief.plan, self._belief.mixed
         if self.scaler is not None:
             self._rewards, self._mixed_rewards = self._scaled(self._belief, self.scaler)
         require_finite(self._rewards, self._belief, self._seeds)
 
+    def at(self, rows: Tensor) -> Tensor:
+        """r_plan of some steps, by the number of their row [R, m], with the models as they are; 0 behind the last."""
+        if self.relabel == "all" and self._rewards is not None:
+            return self._rewards.gather(1, rows)
+        counts = torch.tensor(self._places.counts, device=rows.device).unsqueeze(1)
+        real = rows < counts
+        rows = torch.minimum(rows, counts - 1)
+        belief = replace(self._of(rows), valid=None if bool(real.all()) else real)
+        rewards = belief.plan
+        if self.scaler is not None:
+            pairs = zip(belief.mixed, self._scalings, strict=True)
+            rewards = torch.stack([scaled(mixed) for mixed, (scaled, _) in pairs])
+            units = torch.stack([unit for _, unit in self._scalings]).unsqueeze(1)
+            rewards = reduce(torch.add, (bonus / units for bonus in belief.bonus.values()), rewards)
+        rewards = torch.where(real, rewards, 0)
+        require_finite(rewards, belief, self._seeds, rows)
+        return rewards
+
     def belief(self) -> Belief | None:
-        """What is believed since the last windows."""
+        """What is believed since the last windows; of some steps, evenly spread, where not all are relabelled."""
         return self._belief
 
     def believe(self, steps: Steps) -> Belief:
@@ -170,6 +212,8 @@ class Recovery(CreditAssigner):
         Raises:
             UserError: there were no windows yet; or these are others, where each row has a reward of its own.
         """
+        if self.relabel != "all" and self._belief is not None:
+            return self.at(self._places.index(windows))
         if self._rewards is None:
             raise UserError("this recovery has seen no windows yet: `observe` a store of them, or `fit` to some, first")
         return self._rewards.gather(1, self._places.index(windows))
@@ -181,6 +225,23 @@ class Recovery(CreditAssigner):
         assert self._rewards is not None
         assert self._mixed_rewards is not None
         return self._belief.cells, self._rewards, self._mixed_rewards
+
+    def _look_at_some(self) -> None:
+        """What is believed of steps that stand for all, and how the mixed reward is scaled by them."""
+        counts = self._places.counts or []
+        most = min(SPREAD_OUT, max(counts))
+        sizes = torch.tensor(counts, device=self._device).unsqueeze(1)
+        taken, number = sizes.clamp(max=SPREAD_OUT), torch.arange(most, device=self._device)
+        valid = number < taken
+        rows = (number * sizes // taken.clamp(min=1)).where(valid, 0)
+        self._belief = replace(self._of(rows), valid=None if bool(valid.all()) else valid)
+        if self.scaler is not None:
+            pairs = zip(self._belief.mixed, valid, strict=True)
+            self._scalings = [self.scaler.like(mixed[own]) for mixed, own in pairs]
+
+    def _of(self, rows: Tensor) -> Belief:
+        """What is believed of some steps, by the number of their row [R, m]."""
+        return self._with_bonuses(self._mixed([model.estimate(rows) for model in self.models], None), None)
 
     def _believe(self, store: Store) -> Belief:
         """What is believed of all places."""

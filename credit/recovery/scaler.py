@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from torch import Tensor
 
@@ -24,17 +26,28 @@ class Standard(Scaler):
 
     def __init__(self, clip: Positive = 1.0, quantile: Probability | None = 0.99) -> None:
         self.clip, self.quantile = clip, quantile
+        self.cap = None if quantile is None else 0.0
 
     def __call__(self, rewards: Tensor) -> tuple[Tensor, Tensor]:
         """The scaled rewards [n] of one replica, and the deviation [] by which they were divided; a constant is not."""
-        if not len(one_replica(rewards)):
-            return rewards, rewards.new_ones(())
-        deviation = rewards.std(correction=0)
-        unit = torch.where(deviation > TINY * rewards.abs().max(), deviation, 1.0)
-        scaled = rewards / unit
-        median = scaled.quantile(0.5)
-        scaled = scaled.clamp(median - self.clip, median + self.clip)
-        return (scaled if self.quantile is None else (scaled - scaled.quantile(self.quantile)).clamp_(max=0)), unit
+        scaled, unit = self.like(rewards)
+        return scaled(rewards), unit
+
+    def like(self, seen: Tensor) -> tuple[Callable[[Tensor], Tensor], Tensor]:
+        """The same with the deviation, the median and the quantile of others [n]."""
+        if not len(one_replica(seen)):
+            return lambda rewards: rewards, seen.new_ones(())
+        deviation = seen.std(correction=0)
+        unit = torch.where(deviation > TINY * seen.abs().max(), deviation, 1.0)
+        median = (seen / unit).quantile(0.5)
+
+        def clipped(rewards: Tensor) -> Tensor:
+            return (rewards / unit).clamp(median - self.clip, median + self.clip)
+
+        if self.quantile is None:
+            return clipped, unit
+        best = clipped(seen).quantile(self.quantile)
+        return lambda rewards: (clipped(rewards) - best).clamp_(max=0), unit
 
 
 class RootMeanSquare(Scaler):
@@ -45,9 +58,14 @@ class RootMeanSquare(Scaler):
 
     def __call__(self, rewards: Tensor) -> tuple[Tensor, Tensor]:
         """The scaled rewards [n] of one replica, and the unit [] by which they were divided; 1 where all are zero."""
-        size = one_replica(rewards).square().mean().sqrt() if len(rewards) else rewards.new_zeros(())
+        scaled, unit = self.like(rewards)
+        return scaled(rewards), unit
+
+    def like(self, seen: Tensor) -> tuple[Callable[[Tensor], Tensor], Tensor]:
+        """The same with the mean square of others [n]."""
+        size = one_replica(seen).square().mean().sqrt() if len(seen) else seen.new_zeros(())
         unit = torch.where(size > 0, size, 1.0)
-        return rewards / unit, unit
+        return lambda rewards: rewards / unit, unit
 
 
 def one_replica(rewards: Tensor) -> Tensor:

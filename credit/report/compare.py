@@ -58,6 +58,7 @@ def compare(
     reference: str = "reference",
     diagnostics_seed: int | None = None,
     videos: bool = True,
+    metric: str | None = None,
 ) -> Report:
     """Compare finished runs: write tables and figures to `<output>/reports/<experiment>`.
 
@@ -76,6 +77,7 @@ def compare(
         diagnostics_seed: draw the maps of this seed; by default the mean over seeds. In a maze its trajectories and
             videos too; by default those of the seed of median success.
         videos: film the final policies in a maze, where a video is missing or older than its run.
+        metric: by which methods are ranked; None for what their judge ranks by.
 
     Returns:
         The report.
@@ -86,7 +88,7 @@ def compare(
     runs = load_runs(output, experiment, methods=methods, slugs=slugs, seed=seed, replicas=replicas, commits=commits)
     paper = load_paper(experiment)
     comparisons = tuple(
-        summarise(part, reference=reference, trapped_above=trapped_above, paper=paper)
+        summarise(part, reference=reference, trapped_above=trapped_above, paper=paper, metric=metric)
         for part in runs.by_setting(feedback, where)
     )
     figures = _figures(comparisons, diagnostics_seed)

@@ -143,6 +143,7 @@ def summarise(
     reference: str = "reference",
     trapped_above: float = 300.0,
     paper: PaperValues | None = None,
+    metric: str | None = None,
 ) -> Comparison:
     """Compute the comparison table.
 
@@ -151,6 +152,7 @@ def summarise(
         reference: the method that the others are compared to; its default variant where it has several.
         trapped_above: final regret above which a seed counts as trapped.
         paper: the paper's values; they are left out where they belong to another setting.
+        metric: by which methods are ranked; None for what their judge ranks by.
 
     Returns:
         The comparison; metrics that no run knows are left out.
@@ -161,7 +163,7 @@ def summarise(
     """
     if runs.frame["setting"].nunique() > 1:
         raise ValueError("summarise: runs of several settings; take those of one, from Runs.by_setting()")
-    measures = choose_measures(runs.metrics, runs.experiment)
+    measures = choose_measures(runs.metrics, runs.experiment, metric)
     groups = ordered_groups(runs)
     if paper is not None and not has(runs.frame["setting"].iloc[0], paper.setting):
         paper = None

@@ -65,19 +65,26 @@ RETURN_ROUNDS = (
 )
 
 
-def choose_measures(known: Sequence[str], experiment: str) -> tuple[Measure, ...]:
+def choose_measures(known: Sequence[str], experiment: str, metric: str | None = None) -> tuple[Measure, ...]:
     """The columns of a table, the primary one first: the others only get a mean and an error.
 
     Args:
         known: metrics that at least one run has.
-        experiment: for the message.
+        experiment: for the message. metric: the one to rank by; None leaves it to what the runs have.
 
     Returns:
         Those that are known, in the order of columns.
 
     Raises:
-        UserError: no run has a metric that methods can be compared by.
+        UserError: no run has a metric that methods can be compared by, or not the one that is asked for.
     """
+    if metric is not None:
+        first = _measure(metric, known)
+        try:
+            others = choose_measures(known, experiment)
+        except UserError:
+            others = ()
+        return (first, *(measure for measure in others if measure.metric != metric))
     wanted: tuple[Measure, ...] = EPISODIC if SHARE.metric in known else CONTINUING
     if SUCCESS_ROUNDS[0].metric in known and REGRET.metric not in known:
         wanted = SUCCESS_ROUNDS if SUCCESS.metric in known else RETURN_ROUNDS
@@ -91,6 +98,21 @@ def choose_measures(known: Sequence[str], experiment: str) -> tuple[Measure, ...
             f"({names}); they have {', '.join(sorted(known)) or 'no metrics'}."
         )
     return measures
+
+
+def _measure(metric: str, known: Sequence[str]) -> Measure:
+    """A metric that runs have and whose direction is known.
+
+    Raises:
+        UserError: there is none of that name.
+    """
+    every = (AVERAGED, WORTH, AVERAGED_WORTH, RETURN, *RETURN_ROUNDS, *SUCCESS_ROUNDS, *CONTINUING, *EPISODIC)
+    named = {measure.metric: measure for measure in every}
+    named |= {measure.metric: measure for measure in (SUCCESS_ROUNDS if SUCCESS.metric in known else RETURN_ROUNDS)}
+    found = {name: measure for name, measure in named.items() if {name, measure.per or name} <= {*known}}
+    if metric not in found:
+        raise UserError(f"metric={metric}: runs can be ranked by {', '.join(sorted(found)) or 'nothing'} here")
+    return found[metric]
 
 
 def choose_curves(known: Sequence[str], measures: Sequence[Measure]) -> tuple[Measure, ...]:

@@ -29,6 +29,7 @@ SCHEDULE = (
 )
 TRAINER = "trainer"
 GIVEN = "demonstrations_from"  # steps that every method starts from: of the problem, where a run has them
+BUDGET = ("steps", "episodes")
 
 # tuned.window and tuned.noise reach nothing but the feedback
 _MAKES_SETTING = re.compile(
@@ -90,6 +91,9 @@ def values_of(config: Mapping[str, Any]) -> dict[str, Any]:
         KeyError: it has no environment, feedback or trainer, or one of them no class.
     """
     budget = {key: value for key, value in config[TRAINER].items() if key not in (*SCHEDULE, "_target_")}
+    for key in BUDGET:  # one of which says nothing
+        if budget.get(key) is None:
+            budget.pop(key, None)
     nodes = {slot: {"_target_": config[slot]["_target_"], **config[slot]} for slot in PROBLEM}
     given = {} if config.get(GIVEN) is None else {GIVEN: config[GIVEN]}
     slots = {**nodes, TRAINER: budget, **given}

@@ -118,7 +118,10 @@ def find(config: Mapping[str, Any], parent: Path) -> Folders:
         groups.append(Group(seeds, wanted, file))
         claimed |= set(wanted)
         left -= claimed
-    if left:
+    rounds = config["trainer"]
+    if rounds.get("episodes") and rounds.get("steps_per_round"):  # seeds side by side take as many steps, not episodes
+        groups += [Group((seed,), (seed,)) for seed in sorted(left)]
+    elif left:
         groups.append(Group(tuple(sorted(left)), tuple(sorted(left))))
     return Folders(parent, asked, tuple(done), tuple(groups))
 

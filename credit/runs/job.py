@@ -18,6 +18,7 @@ from credit.core.errors import Misfit, UserError
 from credit.core.ranges import NonNegative, NonNegativeInt, PositiveInt
 from credit.renamed import translated
 from credit.runs import rehearsal, starting
+from credit.trainer import Trainer
 
 
 @dataclass(frozen=True)
@@ -90,12 +91,26 @@ def check(config: Mapping[str, Any]) -> schema.Check:
                 trainer.start(Job.of(config).seeds if config.get("policy_from") else (config["seed"],))
                 starting.given(config, trainer)
                 starting.inherited(config, trainer)
-                found.remark = trainer.env.remark()
+                found.remark = "; ".join(filter(None, (trainer.env.remark(), _dying_pays(trainer))))
         except Misfit as error:
             found.problems += fitting.said(error, trainer.problem, trainer.env.knowledge())
         except UserError as error:
             found.problems.append(str(error))
     return found
+
+
+def _dying_pays(trainer: Trainer) -> str:
+    """What to say where no reward is above zero, and an episode may end before its time; else nothing."""
+    scaler = getattr(trainer.assigner, "scaler", None)
+    if scaler is None or scaler.cap is None or scaler.cap > 0 or not trainer.env.ends_early:
+        return ""
+    if "success" in (trainer.feedback.reads, trainer.feedback.objective):  # an episode that ends early has succeeded
+        return ""
+    return (
+        f"{type(scaler).__name__} leaves no reward above {scaler.cap:g}, and episodes of {type(trainer.env).__name__} "
+        "may end early: to end one soon then pays, also by failing; take a scaler without a cap, such as scaler=unit "
+        "(or scaler.quantile=null)"
+    )
 
 
 def schema_of(config: Mapping[str, Any]) -> schema.Check:

@@ -118,7 +118,7 @@ def _played(trainer: Trainer, between: Any = lambda: None) -> Ended:
 def _short(config: Mapping[str, Any]) -> Trainer:
     trainer: Trainer = schema.build(config, "trainer")
     window = trainer.feedback.window or trainer.env.horizon or 1
-    vars(trainer).update(SHORT, steps=WINDOWS * window)
+    vars(trainer).update(SHORT, steps=WINDOWS * window, episodes=None)
     if trainer.steps_per_round is not None:
         trainer.steps_per_round = window
     for _, part in _parts(trainer):

@@ -76,7 +76,7 @@ class Work:
 
         def show(steps: int) -> None:
             if progress:
-                progress(self._news, steps, trainer.steps)
+                progress(self._news, steps, trainer.total)
 
         try:
             with signals.noted() if heed else nullcontext(stop) as stop:

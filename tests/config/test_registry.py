@@ -158,3 +158,14 @@ def test_composed_fixture_is_checked(composed: Callable[..., dict[str, object]])
     config = composed("method=delayed")
     assert "mixer" not in config  # not used by it
     assert "agent" in config
+
+
+def test_episodes_that_are_typed_take_the_place_of_a_files_steps() -> None:
+    budgets = {
+        ("trainer.episodes=9",): (None, 9.0),
+        ("trainer.episodes=9", "trainer.steps=50"): (50, 9),  # which the check refuses
+        ("trainer.episodes=null",): (15000, None),
+    }
+    for words, budget in budgets.items():
+        found = registry.compose(["experiment=sepsis", *words])["trainer"]
+        assert (found["steps"], found["episodes"]) == budget

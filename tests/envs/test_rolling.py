@@ -61,7 +61,7 @@ class Walks(Environment):
     def step(self, actions: Tensor, mask: Tensor | None = None) -> Transitions:
         before = self._place.tolist()
         self._place = self._place.clone()
-        self._place[..., 2] += 1
+        self._place[..., 2] += torch.ones_like(self._place[..., 2]) if mask is None else mask
         pairs = [[(place, seed) for place in own] for own, seed in zip(before, self._seeds, strict=True)]
         rewards = torch.tensor([[reward(*place, seed) for place, seed in own] for own in pairs], dtype=FLOAT)
         ends = torch.tensor([[place[2] + 1 == length(*place[:2], seed) for place, seed in own] for own in pairs])
@@ -262,3 +262,38 @@ def test_it_goes_on_where_it_was_with_labels_under_way() -> None:
             other = getattr(two[0], name)
             assert torch.equal(value, other) if isinstance(value, Tensor) else value == other, name
         assert torch.equal(one[1], two[1])
+
+
+@pytest.mark.parametrize(("copies", "window", "delay"), [(1, 4, 0), (3, 4, 0), (3, HORIZON, 0), (3, 2, 5)])
+def test_episodes_are_taken_whole_and_no_more(copies: int, window: int, delay: int) -> None:
+    rolling, problem = begun(BlockSum(window, noise=0.0, delay=delay), copies, (2,))
+    store, taken, rounds = Store(problem), 0, 0
+    while rolling.episodes < 4 * copies:
+        new = rolling.collect(Still(), 6, 4)
+        taken, rounds = taken + rolling.taken, rounds + 1
+        if new is not None:
+            store.append(new[0])
+    lengths = [[length(copy, episode, 2) for episode in range(4)] for copy in range(copies)]
+    assert taken == sum(map(sum, lengths))
+    assert rounds == -(-max(map(sum, lengths)) // 6)
+    found = windows_of(store.windows, 0)
+    for copy, own in enumerate(lengths):
+        steps = max(map(sum, lengths)) if delay else sum(own)  # labels come as long as another copy goes on
+        expected = [steps for steps, _, _ in walked(2, copy, sum(own), window)]
+        mine = [steps for steps in found if steps[0][0] == copy]
+        assert mine == expected[: len(mine)]
+        late = sum(len(rest) for rest in expected[len(mine) :])
+        assert late <= max(0, delay - (steps - sum(own))) + window * bool(delay)
+
+
+def test_a_budget_of_episodes_goes_on_where_it_was() -> None:
+    first, second = (begun(BlockSum(4, noise=0.0), 2, (4,))[0] for _ in range(2))
+    first.collect(Still(), 11, 3)
+    second.load_state_dict(first.state_dict())
+    assert second.episodes == first.episodes
+    while first.episodes < 6:
+        one, two = first.collect(Still(), 3, 3), second.collect(Still(), 3, 3)
+        assert (one is None) == (two is None)
+        assert first.taken == second.taken
+        if one is not None and two is not None:
+            assert torch.equal(one[0].states, two[0].states)

@@ -15,7 +15,7 @@ from torch import Tensor
 from credit.core.belief import Belief, Estimate
 from credit.core.errors import RunError, UserError
 from credit.core.problem import FLOAT, Problem
-from credit.core.seams import Bonus, FeatureMap, Look, Mixer, Places, RewardModel, Scaler
+from credit.core.seams import Bonus, FeatureMap, Look, Mixer, Places, Relabel, RewardModel, Scaler
 from credit.core.steps import Steps
 from credit.core.store import Store
 from credit.core.windows import Windows
@@ -27,7 +27,7 @@ from credit.recovery.models.linear import LinearModel
 from credit.recovery.models.neural import NeuralModel
 from credit.recovery.models.primitive import PrimitiveReward
 from credit.recovery.recovery import Recovery
-from credit.recovery.scaler import Standard
+from credit.recovery.scaler import RootMeanSquare, Standard
 from credit.recovery.uncertainty.bootstrap import Analytic, Bootstrap
 from credit.recovery.uncertainty.networks import LastLayer
 
@@ -495,3 +495,59 @@ def test_a_proxy_may_be_infinite(make_continuous: MakeProblem, make_trajectories
     assigner = recovery_of([Fixed("reference"), Fixed("far", spread=float("inf"))], RelativeMSE())
     seen(make_continuous, make_trajectories, assigner)
     assert believed(assigner).mse[:, 1].isinf().any()
+
+
+@pytest.mark.parametrize("scaler", [None, Standard(1.0, 0.9), RootMeanSquare()])
+@pytest.mark.parametrize("relabel", ["sampled", 0.2])
+def test_some_rows_are_worth_what_they_are_among_all(
+    make_continuous: MakeProblem, make_trajectories: Make, scaler: Scaler | None, relabel: Relabel
+) -> None:
+    every, some = (
+        Recovery(*models()[:1], {model.name: model for model in models()[1:]}, None, bonuses(), scaler, chosen)
+        for chosen in ("all", relabel)
+    )
+    stores = [seen(make_continuous, make_trajectories, one) for one in (every, some)]
+    wanted = every.rewards(stores[0].windows)
+    rows = torch.tensor([[4, 0, 2], [3, 3, 1]])
+    torch.testing.assert_close(some.at(rows), wanted.gather(1, rows), rtol=1e-6, atol=1e-6)
+    torch.testing.assert_close(every.at(rows), wanted.gather(1, rows))
+    found = some.rewards(stores[1].windows)
+    for replica in range(2):
+        count = rows_of(stores[1].windows, replica)
+        torch.testing.assert_close(found[replica, :count], wanted[replica, :count], rtol=1e-6, atol=1e-6)
+    behind = torch.full_like(rows, 10**6)
+    assert not some.at(behind).any()
+    one, other = believed(every), believed(some)
+    valid = one.mixed != 0 if one.valid is None else one.valid
+    torch.testing.assert_close(other.mixed[valid], one.mixed[valid])
+
+
+def test_rows_that_stand_for_all_are_spread_evenly(
+    make_continuous: MakeProblem, make_trajectories: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("credit.recovery.recovery.SPREAD_OUT", 4)
+    every, some = (Recovery(models()[0], scaler=RootMeanSquare(), relabel=chosen) for chosen in ("all", "sampled"))
+    store = seen(make_continuous, make_trajectories, every)
+    seen(make_continuous, make_trajectories, some)
+    for replica in range(2):
+        count = rows_of(store.windows, replica)
+        spread = torch.arange(4) * count // 4
+        mixed = believed(every).mixed[replica]
+        assert torch.equal(believed(some).mixed[replica], mixed[spread])
+        unit = mixed[spread].square().mean().sqrt()
+        rows = torch.arange(count).expand(2, -1)
+        torch.testing.assert_close(some.at(rows)[replica], mixed[:count] / unit)
+
+
+def test_what_needs_all_rows_is_refused_for_some(make_continuous: MakeProblem, make_problem: MakeProblem) -> None:
+    reference = models()[0]
+    for part, said in (
+        ({"bonus": Thompson()}, "bonus 'bonus' looks at all steps"),
+        ({"scaler": Centred()}, "Centred does not say how some rewards are scaled"),
+        ({"mixer": Stacking()}, "Stacking predicts all labels"),
+    ):
+        recovery = Recovery(reference, relabel="sampled", **part)  # type: ignore[arg-type]
+        with pytest.raises(UserError, match=said):
+            recovery._check_relabel(make_continuous())
+    with pytest.raises(UserError, match="a table's cells"):
+        Recovery(reference, relabel=0.5)._check_relabel(make_problem())

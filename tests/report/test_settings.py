@@ -13,6 +13,7 @@ from credit.core.errors import UserError
 from credit.report.published import load_paper
 from credit.report.runs import load_runs
 from credit.report.settings import (
+    BUDGET,
     PROBLEM,
     SCHEDULE,
     choose_settings,
@@ -77,7 +78,7 @@ def test_every_slot_and_every_key_of_the_trainer_is_of_the_problem_or_of_the_lea
     }
     assert slots == {*PROBLEM, *learner, "tracking"}
     keys = {name for name in inspect.signature(Trainer).parameters if name not in slots}
-    assert keys == {*SCHEDULE, "steps"}
+    assert keys == {*SCHEDULE, *BUDGET}
 
 
 def test_a_setting_is_read_from_what_a_run_writes(tmp_path: Path):
@@ -287,3 +288,13 @@ def test_what_runs_start_from_makes_a_setting_where_it_is_given():
     assert describe(json.loads(given)).endswith("; demonstrations_from=logs/a.csv")
     assert has(given, {"demonstrations_from": "logs/a.csv"})
     assert not has(without, {"demonstrations_from": "logs/a.csv"})
+
+
+def test_a_budget_that_says_nothing_is_no_part_of_a_setting():
+    """Runs from before there were episodes have the same setting as those of today."""
+    config = {slot: {"_target_": f"credit.{slot}.Some"} for slot in PROBLEM}
+    old = config | {"trainer": {"_target_": "credit.trainer.Trainer", "steps": 70}}
+    new = config | {"trainer": old["trainer"] | {"episodes": None}}
+    assert values_of(new) == values_of(old)
+    other = values_of(config | {"trainer": {"steps": None, "episodes": 10}})
+    assert other == dict.fromkeys(PROBLEM, "some") | {"trainer.episodes": 10}

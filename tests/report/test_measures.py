@@ -1,0 +1,31 @@
+"""By which metric methods are ranked: the one that is asked for, in the direction that its judge declares."""
+
+from __future__ import annotations
+
+import pytest
+
+from credit.core.errors import UserError
+from credit.core.seams import Judge
+from credit.judges.exact import AverageReward, Episodic
+from credit.judges.rollouts import Rollouts
+from credit.report.measures import choose_measures
+
+KNOWN = ("eval/auc", "eval/final", "eval/return", "eval/length", "return/label")
+
+
+def test_the_metric_that_is_asked_for_comes_first() -> None:
+    usual = choose_measures(KNOWN, "mine")
+    found = choose_measures(KNOWN, "mine", "eval/return")
+    assert found[0].metric == "eval/return"
+    assert not found[0].lower_is_better
+    assert found[1:] == usual
+    assert choose_measures(KNOWN, "mine", "eval/auc")[0].title == "AUC of return"
+    assert choose_measures((*KNOWN, "eval/success"), "mine", "eval/auc")[0].title == "AUC of success"
+    with pytest.raises(UserError, match=r"metric=eval/nothing: runs can be ranked by eval/auc, eval/final, .*"):
+        choose_measures(KNOWN, "mine", "eval/nothing")
+
+
+@pytest.mark.parametrize("judge", [AverageReward, Episodic, Rollouts])
+def test_a_table_ranks_in_the_direction_that_the_judge_declares(judge: type[Judge]) -> None:
+    found = choose_measures([judge.metric], "mine", judge.metric)
+    assert found[0].lower_is_better is not judge.higher_is_better
