@@ -106,7 +106,7 @@ CASES = {
     ),
     "more random windows than the run has": (
         (TRAIN, "experiment=sepsis", "method=credit_hypotheses", "trainer.steps=125"),
-        ["trainer.random_windows=50", "the 25 windows", "at most 25, or more steps"],
+        ["trainer.random_windows=50", "the 25 windows", "at most 25, or a longer run"],
     ),
     "moves up and down above 1 in all": (
         (TRAIN, "experiment=sepsis", "env.fluctuation=.6"),
