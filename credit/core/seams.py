@@ -27,6 +27,7 @@ from credit.core.tensors import matvec
 from credit.core.truth import Truth
 from credit.core.windows import Windows
 
+Likelihood = Literal["gaussian", "logistic"]
 Objective = Literal["sum", "last", "success"]  # a label is about all rewards of a window, its last one, or its goal
 
 
@@ -143,9 +144,11 @@ class RewardModel(Component):
         name: its name in metrics, files and figures.
         looks_at: the axes that it reads, where states and actions are numbers.
         uncertainty: how far its fit can be trusted, where it says so.
+        likelihood: of labels given the sum of its rewards: real numbers around it, or bits with these log-odds.
     """
 
     name: str
+    likelihood: Likelihood = "gaussian"
     looks_at: Collection[Axis] = PAIRS
     uncertainty: Uncertainty | None = None
 
