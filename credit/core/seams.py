@@ -276,6 +276,11 @@ class Agent(Component):
         """What `act` follows now, exploration included; by default the behaviour."""
         return self.policies()["behaviour"]
 
+    @property
+    def newest(self) -> bool:
+        """Whether it learns from steps of the newest round alone, and forgets them."""
+        return False
+
     def table(self) -> Tensor | None:
         """One action for every state [R, S], where to look it up is all that `act` does until `improve`; else None."""
         return None
