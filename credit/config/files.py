@@ -75,7 +75,7 @@ def twice(kind: str) -> list[str]:
         for path in sorted((folder / kind).glob("*.yaml")):
             found.setdefault(path.stem, []).append(path)
     return [
-        f"{kind}={name} stands in {first}, which counts, and in {', '.join(map(str, others))}, which does not; rename it"
+        f"{kind}={name} stands in {first}, which counts, and in {', '.join(map(str, others))}, which does not"
         for name, (first, *others) in found.items()
         if others
     ]

@@ -111,8 +111,8 @@ class LogisticFits(Stateful):
         found, covariances = torch.empty_like(theta), []
         for replica in range(len(theta)):  # one after the other: each stops by itself
             start = torch.cat([theta[replica], self.intercept[replica].unsqueeze(-1)], dim=-1)
-            known = (kept[replica, :whole] for kept in (self._sums, self._labels, self._weights))
-            fit, covariance = newton(*known, self._prior, start)
+            x, y, w = (kept[replica, :whole] for kept in (self._sums, self._labels, self._weights))
+            fit, covariance = newton(x, y, w, self._prior, start)
             found[replica], self.intercept[replica] = fit[:, :-1], fit[:, -1]
             covariances.append(covariance[:, :-1, :-1])
         return found, torch.stack(covariances)
