@@ -11,7 +11,7 @@ import torch
 
 from credit.core.errors import UserError
 from credit.core.problem import Problem
-from credit.core.seams import Environment, Feedback
+from credit.core.seams import Agent, CreditAssigner, Environment, Feedback
 
 
 class Keys(Protocol):
@@ -80,6 +80,32 @@ def problem_of(
     lockstep = rolling or not env.ends_early
     names = tuple(env.names or problem.names)
     return replace(problem, labels=feedback.kind, even=even, lockstep=lockstep, names=names)
+
+
+def require_in_time(feedback: Feedback, assigner: CreditAssigner, agent: Agent, steps: int | None) -> None:
+    """Refuse labels that come too late for an agent that learns from the newest round alone.
+
+    Args:
+        steps: of each copy in a round; None where rounds are of windows.
+
+    Raises:
+        UserError: rewards are made of the label itself; or no step of a round has its label when the round ends.
+    """
+    late = f"feedback.delay={feedback.delay}, delay_windows={feedback.delay_windows}: labels come late, and this agent"
+    if not (agent.newest and (feedback.delay or feedback.delay_windows)):
+        return
+    if not assigner.learns:
+        raise UserError(
+            f"{late} learns from the newest round alone, in which {type(assigner).__name__} needs the labels "
+            "themselves; use a method with reward models (method=reference), an agent that remembers (td3, "
+            "discrete_sac, dqn, sac), or set both to 0"
+        )
+    least = feedback.lengths[0] if feedback.lengths else feedback.window or 1
+    if steps is not None and (wait := max(feedback.delay, feedback.delay_windows * least)) >= steps:
+        raise UserError(
+            f"{late} learns from the newest round alone, of {steps} steps of each copy: none of them has its label "
+            f"within {wait}; take a larger trainer.steps_per_round"
+        )
 
 
 @dataclass(frozen=True)

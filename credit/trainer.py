@@ -22,7 +22,7 @@ from credit.core.store import Store
 from credit.core.windows import Windows
 from credit.envs.collect import Collector
 from credit.judges.choose import judge
-from credit.rounds import Plan, problem_of
+from credit.rounds import Plan, problem_of, require_in_time
 
 Log = Callable[[int, dict[str, Tensor]], None]
 
@@ -92,6 +92,8 @@ class Trainer(Component):
         """
         self.problem = problem_of(self.env, self.feedback, seeds, device, rolling=self.steps_per_round is not None)
         self.plan = Plan.of(self, self.problem)
+        round_of = self.steps_per_round and self.steps_per_round // (self.env.copies or 1)
+        require_in_time(self.feedback, self.assigner, self.agent, round_of)
         roots = {"feedback": self.feedback, "assigner": self.assigner, "agent": self.agent}
         require(roots, self.problem)
         self.env.start(self.problem)

@@ -11,6 +11,8 @@ from credit.core.belief import Belief
 from credit.core.errors import UserError
 from credit.core.seams import CreditAssigner
 from credit.core.steps import Steps
+from credit.core.store import Store
+from credit.rivals.rules import Uniform
 
 
 @runtime_checkable
@@ -29,6 +31,17 @@ def why_not(assigner: CreditAssigner) -> str | None:
     if getattr(assigner, "scaler", None) is not None:
         return f"the scaler of {name} scales the rows of its windows, and no other steps; leave it out (scaler=None)"
     return None
+
+
+def unlabelled(assigner: CreditAssigner, store: Store) -> float:
+    """What an assigner that predicts nothing gives a step whose window has no label yet: its rule's own answer.
+
+    An even spread gives the mean label a step; a label on the last step leaves 0 for all before it.
+    """
+    if not isinstance(assigner, Uniform) or not len(store):
+        return 0.0
+    windows = store.windows
+    return float(windows.labels.sum() / windows.lengths.sum())
 
 
 def predicted(assigner: CreditAssigner, steps: Steps) -> Tensor:

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from credit.bridges.predicted import predicted, why_not
+from credit.bridges.predicted import predicted, unlabelled, why_not
 from credit.bridges.rows import Closed, Row, both, chosen, rows_of, steps_of, windows_of
 from credit.core.capabilities import parts_of, require
 from credit.core.errors import RunError, UserError
@@ -29,10 +29,14 @@ except ModuleNotFoundError as error:
 class Relabel(BaseCallback):
     """Fits an assigner to labels of windows, every so many steps, and gives every row of the buffer its reward.
 
-    In the buffer a reward is 0 until its window is labelled and fitted; then it is the assigner's, and is written again
-    after every fit. Where the environment is wrapped in `credit.envs.DelayedReward`, windows and labels are what that
-    tells, and rows of windows without a label get what the assigner predicts for them, or 0 where it predicts nothing.
-    Elsewhere a label is the sum of the environment's rewards over a window; it is the last that is seen of them.
+    In the buffer a reward is the assigner's once its window is labelled and fitted, and is written again after every
+    fit. Until then, and where a window is still open, it is what the assigner predicts for its step (`Recovery` without
+    a scaler), or what its rule gives steps without a label (the mean of an even spread, 0 before a delayed label): a 0
+    there would teach the agent that its newest steps are worth nothing. Before the first fit all are 0; let learning
+    start after it (`learning_starts`, `every`). Where the environment is wrapped in `credit.envs.DelayedReward`,
+    windows and labels are what that tells, and rows of windows without a label get what the assigner predicts for them,
+    or 0 where it predicts nothing. Elsewhere a label is the sum of the environment's rewards over a window; it is the
+    last that is seen of them.
 
     Args:
         assigner: not started; `Recovery`, or a rule.
@@ -101,6 +105,7 @@ class Relabel(BaseCallback):
         self._midway = np.zeros(copies, dtype=bool)  # whether the first rows of a window were not seen
         self._closed: list[Closed] = []
         self._places = np.zeros(0, dtype=np.int64)  # of the store's rows
+        self._fresh: list[Row] = []  # rows that came since the agent last learned
         self._lost: list[Row] = []  # rows that never get a label, since the last fit
         self._apart: Steps | None = None  # those before
         self._places_apart = self._places
@@ -157,7 +162,9 @@ class Relabel(BaseCallback):
         self._take()
         if self._since >= self.every:
             self._since = 0
-            self._fit()
+            self._fresh = [] if self._fit() else self._fresh
+        self._write_unlabelled(self._fresh)
+        self._fresh = []
 
     def _take(self) -> None:
         """Take in the row of all copies that was announced, if it was added.
@@ -182,6 +189,7 @@ class Relabel(BaseCallback):
             place = self._added * buffer.n_envs + copy
             row = Row(states[copy], actions[copy], next_states[copy], int(self._step[copy]), place)
             self._open[copy].append(row)
+            self._fresh.append(row)
             self._sum[copy] += rewards[copy]
             self._step[copy] += 1
             self._close(copy, bool(done[copy]), info)
@@ -229,10 +237,10 @@ class Relabel(BaseCallback):
         if not midway:
             self._step[copy] = 0
 
-    def _fit(self) -> None:
-        """Fit the assigner to the windows that came, and write the reward of every row that may have changed."""
+    def _fit(self) -> bool:
+        """Fit the assigner to the windows that came, if any, and write all rewards that may have changed; if so."""
         if not self._closed:
-            return
+            return False
         windows, new = windows_of(self._closed), _places(rows_of(self._closed))
         self._closed = []
         self.store.append(windows)
@@ -241,8 +249,10 @@ class Relabel(BaseCallback):
         every = self.assigner.learns
         self._write(self._places if every else new, self.assigner.rewards(self.store.windows if every else windows)[0])
         self._write_predicted()
+        self._write_unlabelled([row for rows in self._open for row in rows])
         self.logger.record("credit/windows", len(self.store))
         self.logger.record("credit/label", float(windows.labels.mean()))
+        return True
 
     def _write_predicted(self) -> None:
         """The rewards of rows that never get a label, where the assigner knows them."""
@@ -257,6 +267,16 @@ class Relabel(BaseCallback):
             kept = torch.from_numpy(self._here(self._places_apart))
             self._apart, self._places_apart = chosen(self._apart, kept), self._places_apart[kept.numpy()]
             self._write(self._places_apart, predicted(self.assigner, self._apart))
+
+    def _write_unlabelled(self, rows: list[Row]) -> None:
+        """The rewards of rows whose windows have no label yet, once there was a fit."""
+        if not (rows and len(self.store)):
+            return
+        if why_not(self.assigner) is None:
+            rewards = predicted(self.assigner, steps_of(rows))
+        else:
+            rewards = torch.full((len(rows),), unlabelled(self.assigner, self.store))
+        self._write(_places(rows), rewards)
 
     def _write(self, places: np.ndarray, rewards: Tensor) -> None:
         """Rewards [n] of rows, where the buffer still has them."""

@@ -32,11 +32,22 @@ def main(argv: list[str]) -> int:
             raise UserError(f"{kind!r} is no kind; {nearest(kind, known)}")
     for kind in words.overrides or known:
         print(f"{kind}: {known[kind]}")
+        for line in files.twice(kind):
+            print(f"warning: {line}", file=sys.stderr)
         for name, path in files.options(kind, words.config_dirs).items():
             print(f"  {name:<18} {files.describe_file(path)}")
-            for line in parameters(kind, path, words.config_dirs) if kind in KINDS else ():
+            try:
+                lines = parameters(kind, path, words.config_dirs) if kind in KINDS else []
+            except UserError as error:
+                if path.parents[1] not in files.package_dirs():
+                    raise
+                print(f"warning: {kind}={name} is skipped: {error}", file=sys.stderr)
+                lines = []
+            for line in lines:
                 print(f"  {'':<18}   {line}")
         print()
+    for line in files.broken_packages():
+        print(f"warning: a package is skipped: {line}", file=sys.stderr)
     return 0
 
 

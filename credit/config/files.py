@@ -29,7 +29,10 @@ def package_dirs() -> tuple[Path, ...]:
     """The folders `conf` of packages that announced themselves by an entry point."""
     found: list[Path] = []
     for point in entry_points(group="credit.components"):
-        spec = importlib.util.find_spec(point.module)
+        try:
+            spec = importlib.util.find_spec(point.module)
+        except Exception:  # its parent is not there, or raises: who uses a part of it is told so
+            spec = None
         places = (spec.submodule_search_locations or []) if spec else []
         found.extend(folder for place in places if (folder := Path(place) / "conf").is_dir())
     return tuple(found)
@@ -50,6 +53,32 @@ def own_dirs(config_dirs: Sequence[str]) -> list[Path]:
 def search_path(config_dirs: Sequence[str] = ()) -> list[Path]:
     """All folders, what counts most first: the user's own (the last given before the others), ours, packages'."""
     return [*reversed(own_dirs(config_dirs)), conf_dir(), *package_dirs()]
+
+
+def broken_packages() -> list[str]:
+    """What announced itself and is not there: one sentence each."""
+    found = []
+    for point in entry_points(group="credit.components"):
+        try:
+            there = importlib.util.find_spec(point.module) is not None
+        except Exception as error:  # whatever somebody's own package may raise
+            found.append(f"{point.module} (entry point {point.name!r}): {type(error).__name__}: {error}")
+        else:
+            found += [] if there else [f"{point.module} (entry point {point.name!r}): there is no such module"]
+    return found
+
+
+def twice(kind: str) -> list[str]:
+    """Names that several packages have, or a package and credit itself: which file counts, and which do not."""
+    found: dict[str, list[Path]] = {}
+    for folder in search_path():
+        for path in sorted((folder / kind).glob("*.yaml")):
+            found.setdefault(path.stem, []).append(path)
+    return [
+        f"{kind}={name} stands in {first}, which counts, and in {', '.join(map(str, others))}, which does not"
+        for name, (first, *others) in found.items()
+        if others
+    ]
 
 
 def options(kind: str, config_dirs: Sequence[str] = ()) -> dict[str, Path]:

@@ -249,6 +249,10 @@ def resolve(path: str, node: Mapping[str, Any]) -> type[Component]:
         if (now := today(target)) != target:
             raise UserError(f"{path}._target_={target!r} has another name now: {now}") from None
         raise UserError(f"{path}._target_={target!r} cannot be imported: {error}") from None
+    except Exception as error:  # whatever somebody's own module may raise
+        raise UserError(
+            f"{path}._target_={target!r} cannot be imported: {module} raised {type(error).__name__}: {error}"
+        ) from error
     if not (isinstance(found, type) and issubclass(found, Component)):
         raise UserError(f"{path}._target_={target!r} is not a component of credit")
     return found

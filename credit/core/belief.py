@@ -16,11 +16,13 @@ class Estimate:
     Attributes:
         mean: r̂ [R, N], from all data. variance: Var̂ r̂ [R, N].
         draws: B predictions [R, B, N] whose spread the variance is, where there are some.
+        intercepts: of these draws [R, B], where sums of rewards are log-odds of a label but for them.
     """
 
     mean: Tensor
     variance: Tensor
     draws: Tensor | None = None
+    intercepts: Tensor | None = None
 
 
 @dataclass(frozen=True)

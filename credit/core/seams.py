@@ -30,6 +30,7 @@ from credit.core.truth import Truth
 from credit.core.windows import Windows
 
 Relabel = Literal["all", "sampled"] | Annotated[float, Interval(gt=0, lt=1)]
+Likelihood = Literal["gaussian", "logistic"]
 Objective = Literal["sum", "last", "success"]  # a label is about all rewards of a window, its last one, or its goal
 
 
@@ -146,9 +147,11 @@ class RewardModel(Component):
         name: its name in metrics, files and figures.
         looks_at: the axes that it reads, where states and actions are numbers.
         uncertainty: how far its fit can be trusted, where it says so.
+        likelihood: of labels given the sum of its rewards: real numbers around it, or bits with these log-odds.
     """
 
     name: str
+    likelihood: Likelihood = "gaussian"
     looks_at: Collection[Axis] = PAIRS
     uncertainty: Uncertainty | None = None
 
@@ -309,6 +312,11 @@ class Agent(Component):
     def executed(self) -> Policy:
         """What `act` follows now, exploration included; by default the behaviour."""
         return self.policies()["behaviour"]
+
+    @property
+    def newest(self) -> bool:
+        """Whether it learns from steps of the newest round alone, and forgets them."""
+        return False
 
     def table(self) -> Tensor | None:
         """One action for every state [R, S], where to look it up is all that `act` does until `improve`; else None."""

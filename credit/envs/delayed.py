@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,11 +10,11 @@ import gymnasium
 import torch
 from gymnasium.utils import RecordConstructorArgs
 
-from credit.core.errors import RunError, UserError
-from credit.core.problem import FLOAT, Problem
+from credit.core.errors import UserError
+from credit.core.problem import Problem
 from credit.core.seams import Feedback
-from credit.core.streams import Queues
 from credit.envs.gymnasium.described import SUCCESS
+from credit.envs.labeller import Labeller
 
 OWN = ("label", "window_end", "censored")  # keys of `info` that are ours
 
@@ -58,28 +57,19 @@ class DelayedReward(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs
             raise UserError(f"keep={list(keep)}: {own} are told by DelayedReward itself; leave them out")
         RecordConstructorArgs.__init__(self, feedback=feedback, seed=seed, keep=keep)
         gymnasium.Wrapper.__init__(self, env)
-        if feedback.delay or feedback.delay_windows:
-            raise UserError(
-                f"feedback.delay={feedback.delay}, delay_windows={feedback.delay_windows}: here a label comes with the "
-                "last step of its window; set both to 0, or train by credit, which waits"
-            )
         self._feedback, self._keep = copy.deepcopy(feedback), tuple(keep)
         self.label_window: int | None = feedback.window or (env.spec.max_episode_steps if env.spec else None)
         spaces = env.observation_space, env.action_space
         whole = feedback.window is None
         problem = Problem(*spaces, self.label_window or 1, (seed,), torch.device("cpu"), whole)
-        self._feedback.start(problem)
-        self._missing, self._drawn = (
-            Queues(problem, f"feedback, {what}", "uniform", 1) for what in ("missing", "window")
-        )
-        self._rewards: list[float] = []  # of the window that is open
+        self._labeller = Labeller(self._feedback, problem, self.label_window)
         self._fact: str | None = None  # the key of `info` that the feedback is shown
         self._asked = False  # whether the environment was seen to tell it
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """A new episode, and a new window; one that was open has no label."""
         observation, told = self.env.reset(seed=seed, options=options)
-        self._begin()
+        self._labeller.begin()
         return observation, self._told(told)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -89,48 +79,19 @@ class DelayedReward(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs
             RunError: a reward is not finite.
         """
         observation, reward, terminated, truncated, told = self.env.step(action)
-        self._rewards.append(self._seen(reward, told))
-        over, full = bool(terminated or truncated), len(self._rewards) == self._length
-        info: dict[str, Any] = {**self._told(told), "window_end": full or over, "censored": False}
-        label = None
-        if full or over:
-            label = self._label(full)
-            self._begin()
+        ended, label = self._labeller.step(float(reward), self._seen(reward, told), bool(terminated or truncated))
+        info: dict[str, Any] = {**self._told(told), "window_end": ended, "censored": False}
+        if ended:
             info |= {"censored": True} if label is None else {"label": label}
         return observation, label or 0.0, terminated, truncated, info
 
     def _seen(self, reward: Any, told: dict[str, Any]) -> float:
         """What the feedback is shown of a step: its reward, or a fact where the environment tells it."""
-        value = float(reward)
-        if not math.isfinite(value):
-            raise RunError(f"reward {value} in step {len(self._rewards)} of a window: a label needs finite numbers")
         reads = self._feedback.reads
         if reads is not None and not self._asked:
             names = SUCCESS if reads == "success" else (reads,)
             self._fact, self._asked = next((name for name in names if name in told), None), True
-        return value if self._fact is None else float(told.get(self._fact, 0.0))
+        return float(reward) if self._fact is None else float(told.get(self._fact, 0.0))
 
     def _told(self, told: dict[str, Any]) -> dict[str, Any]:
         return {name: told[name] for name in self._keep if name in told}
-
-    def _begin(self) -> None:
-        """Another window."""
-        self._rewards, self._length = [], self._feedback.window
-        if self._feedback.lengths is not None:
-            least, most = self._feedback.lengths
-            self._length = least + int(self._uniform(self._drawn) * (most - least + 1))
-
-    def _label(self, full: bool) -> float | None:
-        """Y of the window that ends; None where it has none."""
-        short = self._length is not None and not full
-        rewards = torch.tensor(self._rewards, dtype=FLOAT)
-        if not self._feedback.whole and self.label_window is not None:  # as the collector has it
-            rewards = torch.nn.functional.pad(rewards, (0, max(self.label_window - len(rewards), 0)))
-        label = float(self._feedback.label(rewards.view(1, 1, -1), torch.tensor([[len(self._rewards)]])))
-        missing = self._feedback.missing > 0 and self._uniform(self._missing) < self._feedback.missing
-        dropped = short and (self._feedback.cut == "drop" or self._feedback.whole)
-        return label if math.isfinite(label) and not missing and not dropped else None
-
-    @staticmethod
-    def _uniform(queue: Queues) -> float:
-        return float(queue.take(torch.ones(1, 1, dtype=torch.bool)))

@@ -99,8 +99,9 @@ class Rolling(Stateful):
         Returns:
             None as long as a replica has no window at all.
         """
+        begun = self._clock
         self._tape = self._taken(policy, steps, episodes).after(self._tape)
-        return self._released(self._tape)
+        return self._released(self._tape, begun)
 
     @torch.no_grad()
     def _taken(self, policy: Act, steps: int, episodes: int) -> Tape:
@@ -150,7 +151,7 @@ class Rolling(Stateful):
         drawn = least + (self._drawn.take(begins).squeeze(-1) * (most - least + 1)).long()
         self._lengths = torch.where(begins, drawn, self._lengths)
 
-    def _released(self, tape: Tape) -> tuple[Windows, Tensor] | None:
+    def _released(self, tape: Tape, begun: int) -> tuple[Windows, Tensor] | None:
         """The windows whose labels have come; the rest is kept."""
         later = tape.closes.long().flip(2).cumsum(2).flip(2) - tape.closes.long()  # windows that ended behind each row
         come = tape.closes & (tape.due <= self._clock) & (later >= self._feedback.delay_windows)
@@ -158,14 +159,16 @@ class Rolling(Stateful):
         if not bool(done.flatten(1).any(1).all()):
             return None
         closes = tape.closes & done
-        windows = self._windows(tape, done, closes)
+        windows, primitive = self._windows(tape, done, closes)
+        if self._feedback.delay or self._feedback.delay_windows:
+            windows = replace(windows, fresh=_Rows(done)(tape.due > begun + self._feedback.delay))
         rest = tape.held & ~done
         waiting = rest.flatten(0, 1).any(0)  # in which columns; behind the last step of a copy there may be more
         most = len(waiting) - int(waiting.long().argmax()) if bool(waiting.any()) else 1
         kept = tape.map(lambda column: column[:, :, -most:].clone())
         kept.held, kept.closes = rest[:, :, -most:].clone(), (tape.closes & rest)[:, :, -most:].clone()
         self._tape = kept
-        return windows
+        return windows, primitive
 
     def _windows(self, tape: Tape, done: Tensor, closes: Tensor) -> tuple[Windows, Tensor]:
         rows = _Rows(done)

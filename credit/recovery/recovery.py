@@ -104,6 +104,13 @@ class Recovery(CreditAssigner):
                 f"reward models are compared draw by draw (9), and theirs are not equally many ({found}); give their "
                 "uncertainties the same number of draws"
             )
+        kinds = {model.name: model.likelihood for model in self.models}
+        if len(set(kinds.values())) > 1:
+            found = ", ".join(f"{name}: {kind}" for name, kind in kinds.items())
+            raise UserError(
+                f"reward models are mixed and compared (9), (15), and a reward and a contribution to log-odds have no "
+                f"unit in common ({found}); give all models the same likelihood"
+            )
         wanted = self.mixer.needs.get("uncertainty")
         if not self.mixer.sees_label_errors or wanted is None:
             return

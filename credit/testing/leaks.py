@@ -51,8 +51,8 @@ class Moved(Environment):
     def start(self, problem: Problem, copies: int = 1, purpose: str = "environment") -> None:
         """Start the other one, and move what it has in tables."""
         self.env.start(problem, copies, purpose)
-        self._last, self._t = problem.window - 1, 0
-        self._sum = problem.zeros(copies)
+        self._last, self._sum = problem.window - 1, problem.zeros(copies)
+        self._t = torch.zeros_like(self._sum, dtype=torch.int64)  # of each copy's window
         if self.amount and hasattr(self.env, "mdp"):
             mdp = self.env.mdp
             name = "reward_next" if hasattr(mdp, "reward_next") else "reward"
@@ -64,18 +64,22 @@ class Moved(Environment):
 
     def reset(self, mask: Tensor | None = None) -> Tensor:
         """The other one's states."""
-        self._t, self._sum = 0, torch.zeros_like(self._sum)
+        begun = torch.ones_like(self._t, dtype=torch.bool) if mask is None else mask
+        self._t, self._sum = torch.where(begun, 0, self._t), torch.where(begun, 0.0, self._sum)
         return self.env.reset(mask)
 
     def step(self, actions: Tensor, mask: Tensor | None = None) -> Transitions:
         """The other one's step, with other rewards."""
         out = self.env.step(actions, mask)
-        ends = torch.full_like(self._sum, self._t == self._last, dtype=torch.bool)
+        ends = self._t == self._last
         for over in (out.terminated, out.truncated):
             ends = ends if over is None else ends | over
         exact = (out.rewards * 2**20).round() / 2**20
-        self._t = 0 if self._t == self._last else self._t + 1
-        return out._replace(rewards=self._moved(exact, ends))
+        before, moved = self._sum, self._moved(exact, ends)
+        following = torch.where(ends, 0, self._t + 1)
+        self._t = following if mask is None else torch.where(mask, following, self._t)
+        self._sum = self._sum if mask is None else torch.where(mask, self._sum, before)
+        return out._replace(rewards=moved)
 
     def _moved(self, rewards: Tensor, ends: Tensor) -> Tensor:
         if self.objective == "success":

@@ -84,6 +84,44 @@ def test_other_rewards_with_the_same_labels_change_nothing(experiment: str, feed
     assert differing(lived(config, 0.0), lived(config, 0.5)) == []
 
 
+STEPS = {  # environments that people start with, in rounds of steps
+    "FrozenLake-v1": (),
+    "CartPole-v1": (),
+    "Pendulum-v1": (),
+    "HalfCheetah-v5": (),
+}
+STEPPED_LABELS = ("episode_sum", "block_sum", "mean", "terminal", "success")
+STEPPED_FIRST = {("FrozenLake-v1", "block_sum", "reference"), ("CartPole-v1", "episode_sum", "delayed")}
+STEPPED_MAIN = {"delayed", "reference", "uniform"}
+
+
+def stepped() -> list[Any]:
+    """Environment, feedback and method in rounds of steps."""
+    methods = [name for name in files.options("method") if name != "oracle"]
+
+    def marks(*names: str) -> Any:
+        if names in STEPPED_FIRST:
+            return ()
+        main = names[1] == "block_sum" and names[2] in STEPPED_MAIN and names[0] != "HalfCheetah-v5"
+        return pytest.mark.thorough if main else pytest.mark.slow
+
+    return [pytest.param(*names, marks=marks(*names)) for names in product(STEPS, STEPPED_LABELS, methods)]
+
+
+@pytest.mark.parametrize(("env", "feedback", "method"), stepped())
+def test_the_same_in_rounds_of_steps(env: str, feedback: str, method: str) -> None:
+    window = ("feedback.window=4", "feedback.delay=2") if feedback in ("block_sum", "mean", "terminal") else ()
+    words = ("env=gymnasium", f"env.id={env}", f"feedback={feedback}", f"method={method}", *window)
+    size = ("env.max_steps=10", "env.evaluation_episodes=1", "trainer.steps=60", "trainer.steps_per_round=20")
+    told = ("env.success=reward",) if feedback == "success" else ()
+    config = short.composed(*words, *size, *told)
+    rounds = {"steps": 60, "steps_per_round": 20, "windows_per_round": 1, "log_every": 3, "random_steps": 0}
+    config = config | {"trainer": config["trainer"] | rounds}
+    if job.check(config).problems:
+        pytest.skip("these do not go together")
+    assert differing(lived(config, 0.0), lived(config, 0.5)) == []
+
+
 def test_the_oracle_does_look_at_rewards() -> None:
     config = composed("advertiser", "block_sum", "oracle")
     found = differing(lived(config, 0.0), lived(config, 0.5))

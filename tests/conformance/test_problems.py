@@ -68,7 +68,7 @@ AGENTS = {  # what is stopped: id, agent, method
     "planner": ("FrozenLake-v1", (), "reference"),
     "dqn": ("CartPole-v1", (), "delayed"),
     "sac": ("Pendulum-v1", (), "reference"),
-    "ppo": ("CartPole-v1", ("agent=ppo",), "delayed"),
+    "ppo": ("CartPole-v1", ("agent=ppo",), "reference"),
     "td3": ("Pendulum-v1", ("agent=td3",), "delayed"),
     "discrete_sac": ("CartPole-v1", ("agent=discrete_sac",), "reference"),
 }

@@ -35,8 +35,8 @@ class TorchRL(Agent):
     and not when it is. What is judged is the policy without exploration.
 
     PPO learns from the newest round alone, after its rewards were made, and only where it acted in that round: of
-    demonstrations it learns nothing. The others learn from a replay of everything that is remembered, whose rewards
-    are made anew after every refit.
+    demonstrations it learns nothing, and from labels that come in a later round only its reward model learns. The
+    others learn from a replay of everything that is remembered, whose rewards are made anew after every refit.
 
     Args:
         loss: ppo (any actions), td3 (vectors), or discrete_sac (numbers).
@@ -102,6 +102,11 @@ class TorchRL(Agent):
         self.tau, self.policy_delay = tau, policy_delay
         self.noise, self.target_noise, self.target_noise_clip = noise, target_noise, target_noise_clip
         self.temperature, self.target_entropy = temperature, target_entropy
+
+    @property
+    def newest(self) -> bool:
+        """PPO does."""
+        return self.loss == "ppo"
 
     def start(self, problem: Problem) -> None:
         """Fresh networks, nothing to replay."""

@@ -50,7 +50,7 @@ def drawn(batch: Batch, replica: int, problem: Problem, discount: float) -> Tens
 
 
 def newest(windows: Windows, rewards: Tensor, problem: Problem) -> Iterator[TensorDict]:
-    """All rows of each replica, in the order in which they happened.
+    """All rows of each replica that were taken in the newest round, in the order in which they happened.
 
     `done` is where an episode ends, or where no more is known of it; `terminated` where nothing lies behind.
 
@@ -62,7 +62,10 @@ def newest(windows: Windows, rewards: Tensor, problem: Problem) -> Iterator[Tens
     counts = [len(windows)] * len(rewards) if windows.count is None else windows.count.tolist()
     size = numbers_seen(problem)
     for replica, count in enumerate(counts):
-        part = (replica, slice(count))
+        part: tuple[int, slice | Tensor] = (replica, slice(count))
+        if windows.fresh is not None:  # others are another policy's, whose labels came late
+            part = (replica, windows.fresh[replica, :count].nonzero().flatten())
+            count = len(done[part])
         following = {
             "observation": encoded(windows.next_states[part], size),
             "reward": rewards[part].unsqueeze(-1).to(PRECISION),

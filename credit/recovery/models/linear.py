@@ -15,10 +15,11 @@ from credit.core.compiled import usable
 from credit.core.errors import RunError, UserError
 from credit.core.problem import FLOAT, Problem
 from credit.core.ranges import Credit, Positive
-from credit.core.seams import FeatureMap, Places
+from credit.core.seams import FeatureMap, Likelihood, Places
 from credit.core.steps import Steps
 from credit.core.store import Store
 from credit.core.tensors import CACHED, by_replica, matvec
+from credit.recovery.models.logistic import LogisticFits, check_bits, require_bits
 from credit.recovery.models.loops import sherman_morrison
 from credit.recovery.models.ridge import RidgeModel
 from credit.recovery.uncertainty.bootstrap import FitUncertainty
@@ -41,6 +42,7 @@ class LinearModel(RidgeModel):
         regularization: λ > 0.
         credit: which steps of a window share its label: every one alike, or the last alone (on tables).
         unit: steps that are counted as one: it sets the scale on which λ acts.
+        likelihood: of labels: gaussian, as above, or logistic, of bits whose log-odds the sum is (`models.logistic`).
     """
 
     keeps: ClassVar = ("_inverse", "_theta", "_cost", "_windows")
@@ -53,6 +55,7 @@ class LinearModel(RidgeModel):
         regularization: Positive = 0.1,
         credit: Credit = "every_step",
         unit: Positive = 1.0,
+        likelihood: Likelihood = "gaussian",
     ) -> None:
         self.name = name
         self.features = features
@@ -60,6 +63,7 @@ class LinearModel(RidgeModel):
         self.regularization = regularization
         self.credit = credit
         self.unit = unit
+        self.likelihood = likelihood
 
     @property
     def looks_at(self) -> Collection[Axis]:  # type: ignore[override]
@@ -70,8 +74,10 @@ class LinearModel(RidgeModel):
         """Empty fits: θ = 0, V = λI.
 
         Raises:
-            UserError: credit to the last step, where there is no table; or too many features.
+            UserError: credit to the last step, where there is no table; too many features; or logistic, of no bits.
         """
+        if self.likelihood == "logistic":
+            require_bits(self.name, problem)
         if self.credit == "last_step" and places.cells is None:
             raise UserError(
                 f"reward model {self.name!r}: credit=last_step needs states and actions that are numbers; "
@@ -103,6 +109,12 @@ class LinearModel(RidgeModel):
         self._theta = eye.new_zeros(self._shape)
         self._cost = eye.new_zeros(replicas)  # Σ_i (Y_i − x_iᵀθ)² + λ‖θ‖² of the point fit
         self._windows: Tensor | int = 0
+        self._odds: LogisticFits | None = None
+        if self.likelihood == "logistic":
+            self._odds = LogisticFits(self._problem, fits, size, self.regularization)
+
+    def _names(self) -> tuple[str, ...]:
+        return (*super()._names(), *(() if self._odds is None else ("_odds",)))
 
     def observe(self, store: Store) -> None:
         """Update every fit with the newest windows, or fit all windows anew, as the uncertainty has it.
@@ -112,6 +124,8 @@ class LinearModel(RidgeModel):
         """
         if self.credit == "last_step":
             require_equal_lengths(self.name, store.new)
+        if self._odds is not None:
+            check_bits(self.name, store.new)
         weights, anew = self.uncertainty.weights(store)
         windows = store.windows if anew else store.new
         sums = windows.sums(self._look.rows(windows, newest=not anew).to(FLOAT))
@@ -130,7 +144,9 @@ class LinearModel(RidgeModel):
         Args:
             sums: x [R, k, d]. labels: Y [R, k]. weights: [R, k, 1+B]. anew: forget what was before.
         """
-        if anew:
+        if self._odds is not None:
+            self._theta, self._inverse = self._odds.fit(self._theta, sums, labels, weights, anew)
+        elif anew:
             self._solve(sums, labels, weights)
         elif sums.shape[1] > self._shape[-1]:
             self._absorb(sums, labels, weights)
@@ -190,8 +206,13 @@ class LinearModel(RidgeModel):
         """What φ [N, d] or [R, N, d] comes to."""
         values = self._each(lambda phi, theta: theta @ phi.mT, phi, self._theta)
         draws = values[:, 1:]
-        variance = self.uncertainty.variance(draws, lambda: self._leverage(phi), self.residual)
-        return Estimate(values[:, 0], variance, draws)
+        if self._odds is not None and not self.uncertainty.draws:  # Laplace's, in which no noise appears
+            variance = self._leverage(phi)
+        else:
+            variance = self.uncertainty.variance(draws, lambda: self._leverage(phi), self.residual)
+        if self._odds is None:
+            return Estimate(values[:, 0], variance, draws)
+        return Estimate(values[:, 0], variance, draws, self._odds.intercept[:, 1:])
 
     def _leverage(self, phi: Tensor) -> Tensor:
         """φᵀV⁻¹φ [R, N]."""

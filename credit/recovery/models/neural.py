@@ -14,7 +14,7 @@ from credit.core.cells import Axis
 from credit.core.errors import RunError
 from credit.core.problem import Problem
 from credit.core.ranges import NonNegative, Positive, PositiveInt
-from credit.core.seams import FeatureMap, Places, RewardModel
+from credit.core.seams import FeatureMap, Likelihood, Places, RewardModel
 from credit.core.steps import Steps
 from credit.core.store import Store
 from credit.core.streams import side_by_side
@@ -24,8 +24,10 @@ from credit.networks.adam import Adam
 from credit.networks.denormals import flushed
 from credit.networks.stack import Shape, Stack, Tape
 from credit.recovery.models.batches import Balance, balanced, every, padding
+from credit.recovery.models.intercepts import Intercepts
+from credit.recovery.models.logistic import check_bits, curvature, require_bits
 from credit.recovery.models.units import Units
-from credit.recovery.uncertainty.networks import NetworkUncertainty
+from credit.recovery.uncertainty.networks import NetworkUncertainty, member, whole
 
 MOST = 64  # steps of a window that are fitted, where nobody says how many
 TINY = 1e-6  # a feature with a smaller deviation is a constant, and is not scaled
@@ -50,7 +52,9 @@ class NeuralModel(RewardModel):
         learning_rate: Adam's.
         balance: what the two halves of a batch are: `bits`, successes and failures; `quantiles`, the upper and the
             lower half of the labels; `auto`, bits where labels take at most two values, else quantiles; `none`, all.
-        standardise: whether labels are seen in units of their own deviation, less their mean a step (`Units`).
+        standardise: whether labels are seen in units of their own deviation, less their mean a step (`Units`); not
+            where they are bits with log-odds, which have no unit.
+        likelihood: of labels: gaussian, as above, or logistic, of bits whose log-odds the sum is (`models.logistic`).
     """
 
     uncertainty: NetworkUncertainty
@@ -71,6 +75,7 @@ class NeuralModel(RewardModel):
         learning_rate: Positive = 1e-3,
         balance: Balance = "auto",
         standardise: bool = False,
+        likelihood: Likelihood = "gaussian",
     ) -> None:
         self.name = name
         self.features = features
@@ -82,6 +87,7 @@ class NeuralModel(RewardModel):
         self.learning_rate = learning_rate
         self.balance = balance
         self.standardise = standardise
+        self.likelihood = likelihood
 
     @property
     def looks_at(self) -> Collection[Axis]:  # type: ignore[override]
@@ -89,7 +95,14 @@ class NeuralModel(RewardModel):
         return self.features.looks_at
 
     def start(self, problem: Problem, places: Places) -> None:
-        """Fresh networks."""
+        """Fresh networks.
+
+        Raises:
+            UserError: logistic, where labels are no bits.
+        """
+        logistic = self.likelihood == "logistic"
+        if logistic:
+            require_bits(self.name, problem)
         self._problem, self._device, self._places = problem, problem.device, places
         self.features.start(problem)
         self._look = places.look(self.features)
@@ -105,11 +118,15 @@ class NeuralModel(RewardModel):
         self._adam = Adam(self.networks.flat, self._gradient.flat, self.learning_rate)
         self._stride = self.stride or max(1, problem.window // MOST)
         self._tape = Tape(shape, len(self._owner), self.batch * padding(self._stride, problem.window), problem.device)
-        self._units = Units(problem, self.standardise)
+        self._units = Units(problem, self.standardise and not logistic)
+        self._odds = Intercepts(len(self._owner), self.learning_rate, problem.device) if logistic else None
         self._posterior = self.uncertainty.posterior(self.networks, problem, self.name)
         self._mean = torch.zeros(problem.replicas, shape.inputs, device=problem.device)
         self._scale = torch.ones_like(self._mean)
         self._fits = 0
+
+    def _names(self) -> tuple[str, ...]:
+        return (*super()._names(), *(() if self._odds is None else ("_odds",)))
 
     @torch.no_grad()
     def observe(self, store: Store) -> None:
@@ -130,6 +147,8 @@ class NeuralModel(RewardModel):
         """
         if not len(windows):
             return
+        if self._odds is not None:
+            check_bits(self.name, windows)
         if not self._fits:
             self._standardise(inputs, windows)
         self._units.look(windows)
@@ -144,7 +163,7 @@ class NeuralModel(RewardModel):
         self._descend(rows, shares, labels, labelled, self.steps if self._fits else self.first_steps)
         self._fits += 1
         self._check()
-        self._posterior.fitted(rows, shares)
+        self._posterior.fitted(rows, shares, self._curvature(rows, shares))
 
     def estimate(self, at: Tensor | None = None) -> Estimate:
         """Mean and variance of some places [R, n], or of all."""
@@ -186,6 +205,8 @@ class NeuralModel(RewardModel):
         first = trajectories * torch.arange(members, device=self._device).view(-1, 1, 1)
         chances = torch.from_numpy(uniform).to(self._device)
         drawn = (balanced(labels, chances, self.balance, labelled) + first).unbind(1)
+        if self._odds is not None:
+            self._odds.look(labels, labelled, self.batch, self.balance)
         offset = self._posterior.offset(rows.view(members, -1, size))
         rows, shares, labels = rows.view(-1, steps * size), shares.view(-1, steps), labels.flatten()
         offset = None if offset is None else offset.reshape(-1, steps)
@@ -196,9 +217,24 @@ class NeuralModel(RewardModel):
             outputs = networks.forward(tape, self._posterior.masks(tape.input.shape[1])).view(-1, steps)
             if offset is not None:
                 outputs = outputs + offset[chosen]
-            delta = gradient(outputs, shares[chosen], labels[chosen], self.sparsity)
+            if self._odds is None:
+                delta = gradient(outputs, shares[chosen], labels[chosen], self.sparsity)
+            else:
+                delta, by_odds = log_gradient(
+                    outputs, shares[chosen], labels[chosen], self._odds.of(chosen // trajectories), self.sparsity
+                )
+                self._odds.step(by_odds.view(members, -1).mean(1))
             networks.backward(tape, delta.div_(self.batch).view(members, -1, 1), self._gradient)
             self._adam.step()
+
+    def _curvature(self, rows: Tensor, shares: Tensor) -> Tensor | None:
+        """Of each window's likelihood by its log-odds [M, K]; None where labels are Gaussian."""
+        if self._odds is None:
+            return None
+        outputs = torch.stack([whole(own.flatten(0, 1), member(self.networks, m)) for m, own in enumerate(rows)])
+        if (offset := self._posterior.offset(rows.flatten(1, 2))) is not None:
+            outputs = outputs + offset
+        return curvature((outputs.view(shares.shape) * shares).sum(-1) + self._odds.values.unsqueeze(-1))
 
     def _check(self) -> None:
         """Raise RunError, with the model and its seeds, if a weight is not finite."""
@@ -216,3 +252,16 @@ def gradient(outputs: Tensor, shares: Tensor, labels: Tensor, sparsity: float) -
     """Of each trajectory's (Y − Σ_p w_p o_p)² + λ Σ_p w_p |o_p| (5), by the outputs o [B, P]; w are the shares."""
     residual = (outputs * shares).sum(-1, keepdim=True) - labels.unsqueeze(-1)
     return (2 * residual + sparsity * outputs.sign()).mul_(shares)
+
+
+def log_gradient(
+    outputs: Tensor, shares: Tensor, labels: Tensor, odds: Tensor, sparsity: float
+) -> tuple[Tensor, Tensor]:
+    """Of each trajectory's log(1 + e^z) − Y z + λ Σ_p w_p |o_p| with z = Σ_p w_p o_p + b (`models.logistic`).
+
+    Returns:
+        By the outputs o [B, P], and by b [B].
+    """
+    z = (outputs * shares).sum(-1) + odds
+    error = z.sigmoid() - labels
+    return (error.unsqueeze(-1) + sparsity * outputs.sign()).mul_(shares), error

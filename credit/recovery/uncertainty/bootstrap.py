@@ -185,6 +185,8 @@ class Bootstrap(FitUncertainty):
                 predicted = windows.sums(each.mT)
             else:  # the sum of numbers that lie side by side
                 predicted = each.unflatten(-1, (-1, windows.length)).sum(-1).mT
+            if estimate.intercepts is not None:  # of bits, whose probability is compared
+                predicted = (predicted + estimate.intercepts.unsqueeze(1)).sigmoid()
             errors.append(((predicted * out).sum(-1) / known - windows.labels) * held)
         stacked = torch.stack(errors, dim=1) / deviation(windows.labels, windows.labelled)[:, None, None]
         return stacked @ stacked.mT

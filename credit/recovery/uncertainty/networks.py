@@ -37,11 +37,12 @@ class Posterior(Stateful, ABC):
         """What is added to the outputs in training [M, rows], if anything is; it stays as it is."""
         return None
 
-    def fitted(self, inputs: Tensor, shares: Tensor) -> None:
+    def fitted(self, inputs: Tensor, shares: Tensor, curvature: Tensor | None = None) -> None:
         """Take note that the networks were fitted to sums of outputs.
 
         Args:
             inputs: those of K windows [M, K, P, d]. shares: the weight of every output in its sum [M, K, P].
+            curvature: of the labels' likelihood by their sums [M, K]; None where it is Gaussian.
         """
 
     @abstractmethod
@@ -142,7 +143,7 @@ class Thinned(Posterior):
         drawn = [_kept(g, shape, self._rate) for g in self._training]
         return torch.from_numpy(np.stack(drawn, 1)).to(device).unbind()
 
-    def fitted(self, inputs: Tensor, shares: Tensor) -> None:
+    def fitted(self, inputs: Tensor, shares: Tensor, curvature: Tensor | None = None) -> None:
         """Thin the networks anew: until the next fit, whoever looks sees the same."""
         self._thin()
 
@@ -205,13 +206,16 @@ class LastLayers(Posterior):
         eye = torch.eye(size, dtype=torch.float64, device=networks.flat.device)
         self._precision = (eye / prior_variance).repeat(networks.members, 1, 1)
 
-    def fitted(self, inputs: Tensor, shares: Tensor) -> None:
-        """Σ⁻¹ from the summed units of all trajectories."""
+    def fitted(self, inputs: Tensor, shares: Tensor, curvature: Tensor | None = None) -> None:
+        """Σ⁻¹ from the summed units of all trajectories; of bits by Laplace's approximation, in which no σ appears."""
         for m, (rows, share) in enumerate(zip(inputs, shares, strict=True)):
             units = _with_one(hidden(rows.flatten(0, 1), member(self._networks, m)[:-1])).view(*share.shape, -1)
             sums = (units * share.unsqueeze(-1)).sum(1).double()
             eye = torch.eye(sums.shape[1], dtype=sums.dtype, device=sums.device)
-            self._precision[m] = sums.T @ sums / self._noise**2 + eye / self._prior
+            if curvature is None:
+                self._precision[m] = sums.T @ sums / self._noise**2 + eye / self._prior
+            else:
+                self._precision[m] = (sums.T * curvature[m].double()) @ sums + eye / self._prior
 
     def predictor(self, replica: int) -> Predictor:
         """The network's output, and φᵀΣφ = |L⁻¹φ|² where LLᵀ = Σ⁻¹."""

@@ -1,0 +1,128 @@
+"""Late labels for any agent of TorchRL: `credit.envs.DelayedReward` as a transform of environments."""
+
+from __future__ import annotations
+
+import copy
+import math
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.data import Binary, Composite, TensorSpec, Unbounded
+from torchrl.envs.transforms import Transform
+
+from credit.core.errors import UserError
+from credit.core.problem import Problem
+from credit.core.seams import Feedback
+from credit.envs.gymnasium.environment import SUCCESS
+from credit.envs.labeller import Labeller
+
+
+class DelayedReward(Transform):
+    """The label of a window in place of its rewards: at its last step, and 0 before it.
+
+    `label` (NaN where there is none), `window_end` and `censored`, whether a window ended without a label, lie beside
+    the observation of every step, [..., 1]; after a reset they are NaN and false. Windows are as the feedback has them;
+    an episode begins a new one. The primitive reward is nowhere behind this transform; what else the environment tells
+    (an info reader's keys) is not touched.
+
+    Args:
+        feedback: what makes labels; it is copied.
+        seed: of the feedback's random numbers; the n-th of a batch of environments has seed + n.
+        longest: most steps of an episode, where windows are whole ones.
+        label_key, end_key, censored_key: what is written.
+
+    Raises:
+        UserError: two keys are the same; labels that come late, which an agent's step cannot wait for.
+
+    Example:
+        >>> env = TransformedEnv(GymEnv("Pendulum-v1"), DelayedReward(BlockSum(window=20, noise=0.0)))
+        >>> env.rollout(40)["next", "label"]  # in every 20th step
+    """
+
+    def __init__(
+        self,
+        feedback: Feedback,
+        seed: int = 0,
+        longest: int | None = None,
+        label_key: str = "label",
+        end_key: str = "window_end",
+        censored_key: str = "censored",
+    ) -> None:
+        self._own = (label_key, end_key, censored_key)
+        if len({*self._own, "reward"}) < len(self._own) + 1:
+            raise UserError(f"label_key, end_key, censored_key are {list(self._own)}: give three names, none 'reward'")
+        super().__init__(in_keys=["reward"], out_keys=["reward", *self._own])
+        self._feedback, self._seed = feedback, seed
+        self._window = feedback.window or longest
+        self._made(0)  # what does not fit is said here
+        self._labellers: list[Labeller] = []
+
+    def _made(self, number: int) -> Labeller:
+        whole = self._feedback.window is None
+        problem = Problem.vectors(1, 1, self._window or 1, (self._seed + number,))
+        problem = Problem(
+            problem.observation_space, problem.action_space, problem.window, problem.seeds, problem.device, whole
+        )
+        return Labeller(copy.deepcopy(self._feedback), problem, self._window)
+
+    def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
+        """New windows where episodes begin; those that were open have no label."""
+        shape = (*tensordict_reset.batch_size, 1)
+        count = math.prod(shape)
+        if len(self._labellers) != count:
+            self._labellers = [self._made(number) for number in range(count)]
+        mask = None if tensordict is None else tensordict.get("_reset", None)
+        begun = [True] * count if mask is None else mask.reshape(-1).tolist()
+        for labeller, new in zip(self._labellers, begun, strict=True):
+            if new:
+                labeller.begin()
+        label, never = torch.full(shape, torch.nan), torch.zeros(shape, dtype=torch.bool)
+        return self._written(tensordict_reset, label, never, never)
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        """The label where a window ends, and 0 elsewhere, in place of the reward.
+
+        Raises:
+            RunError: a reward is not finite.
+        """
+        reward, over = next_tensordict.get("reward"), next_tensordict.get("done")
+        rewards = reward.reshape(-1).tolist()
+        seen = [
+            labeller.step(*one)
+            for labeller, *one in zip(
+                self._labellers, rewards, self._shown(next_tensordict, rewards), over.reshape(-1).tolist(), strict=True
+            )
+        ]
+        ended = torch.tensor([end for end, _ in seen]).view(reward.shape)
+        label = torch.tensor([torch.nan if y is None else y for _, y in seen]).view(reward.shape)
+        next_tensordict.set("reward", label.nan_to_num(0.0).to(reward))
+        return self._written(next_tensordict, label, ended, ended & label.isnan())
+
+    def _shown(self, told: TensorDictBase, rewards: list[float]) -> list[float]:
+        """What the feedback is shown of a step: its reward, or a fact where the environment tells it."""
+        reads = self._feedback.reads
+        names = () if reads is None else SUCCESS if reads == "success" else (reads,)
+        fact = next((told.get(name) for name in names if told.get(name, None) is not None), None)
+        return rewards if fact is None else fact.reshape(-1).double().tolist()
+
+    def _written(self, told: TensorDictBase, *values: Tensor) -> TensorDictBase:
+        for name, value in zip(self._own, values, strict=True):
+            told.set(name, value.to(told.device) if told.device is not None else value)
+        return told
+
+    def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
+        """What is seen, and our three keys.
+
+        Raises:
+            UserError: the environment has one of them already.
+        """
+        assert isinstance(observation_spec, Composite)
+        if taken := sorted({*self._own} & {*map(str, observation_spec.keys())}):
+            raise UserError(f"the environment tells {taken} itself: give DelayedReward other keys (label_key=…)")
+        shape, device = (*observation_spec.shape, 1), observation_spec.device
+        label, end, censored = self._own
+        observation_spec[label] = Unbounded(shape, dtype=torch.float32, device=device)
+        for name in (end, censored):
+            observation_spec[name] = Binary(shape=shape, dtype=torch.bool, device=device)
+        return observation_spec
