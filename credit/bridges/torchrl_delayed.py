@@ -14,7 +14,7 @@ from torchrl.envs.transforms import Transform
 from credit.core.errors import UserError
 from credit.core.problem import Problem
 from credit.core.seams import Feedback
-from credit.envs.gymnasium.environment import SUCCESS
+from credit.envs.gymnasium.described import SUCCESS
 from credit.envs.labeller import Labeller
 
 

@@ -92,7 +92,7 @@ STEPS = {  # environments that people start with, in rounds of steps
 }
 STEPPED_LABELS = ("episode_sum", "block_sum", "mean", "terminal", "success")
 STEPPED_FIRST = {("FrozenLake-v1", "block_sum", "reference"), ("CartPole-v1", "episode_sum", "delayed")}
-STEPPED_MAIN = {"delayed", "reference", "uniform"}
+STEPPED_MAIN = {"delayed", "reference"}
 
 
 def stepped() -> list[Any]:
