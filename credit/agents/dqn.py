@@ -12,11 +12,13 @@ from torch.nn.functional import mse_loss, smooth_l1_loss
 
 from credit.agents.exploring import EpsilonGreedy
 from credit.agents.moments import Moments, Vectors
+from credit.agents.seeing import Seeing
+from credit.core.component import Kind, Setting
 from credit.core.errors import UserError
 from credit.core.policy import Policy
 from credit.core.problem import FLOAT, Problem
 from credit.core.ranges import NonNegative, NonNegativeInt, Positive, PositiveInt, Probability
-from credit.core.seams import Agent, CreditAssigner, FeatureMap
+from credit.core.seams import Agent, CreditAssigner, Encoder, FeatureMap
 from credit.core.store import Store
 from credit.core.streams import Stream
 from credit.data.replay import Batch, Replay
@@ -25,7 +27,7 @@ from credit.networks.perceptron import PRECISION, ReplicaMLP
 LOSSES = {"l2": mse_loss, "smooth_l1": smooth_l1_loss}
 
 
-class DQN(Agent):
+class DQN(Seeing, Agent):
     """Deep Q-learning with replay and a target network, ε-greedy, one network a replica (A.2).
 
     Q(s, t, ·) is a network on φ(s) and the step t (one-hot where states are numbers, t/T where they are vectors),
@@ -50,13 +52,14 @@ class DQN(Agent):
         monte_carlo: m, the share of the return in the target.
         double: whether a* is the network's choice (double DQN) or that of the target network itself.
         loss: squared error, or smooth_l1, which is linear beyond an error of 1.
+        encoder: how the network sees a vector; None for as it is.
 
     Raises:
-        UserError: ε would rise.
+        UserError: ε would rise; there are features and an encoder.
     """
 
-    actions: ClassVar = "finite"
-    setting: ClassVar = "episodic"
+    actions: ClassVar[Kind] = "finite"
+    setting: ClassVar[Setting] = "episodic"
     keeps: ClassVar = ("_online", "_target", "_adam", "_replay", "_stream", "_windows", "_steps", "_updates")
 
     def __init__(
@@ -78,7 +81,13 @@ class DQN(Agent):
         monte_carlo: Probability = 0.0,
         double: bool = True,
         loss: Literal["l2", "smooth_l1"] = "l2",
+        encoder: Encoder | None = None,
     ) -> None:
+        if features is not None and encoder is not None:
+            raise UserError(
+                f"encoder={type(encoder).__name__} and agent.features={type(features).__name__}: both say what the "
+                "network sees of a state; leave one out (encoder=null, or agent.features=null)"
+            )
         if epsilon_floor > epsilon:
             raise UserError(
                 f"agent.epsilon_floor={epsilon_floor}: exploration falls to it, so it is at most "
@@ -99,14 +108,17 @@ class DQN(Agent):
         self.monte_carlo = monte_carlo
         self.double = double
         self.loss = loss
+        self.encoder = encoder
 
     def start(self, problem: Problem) -> None:
         """Random networks, nothing to replay."""
         self._problem = problem
         if self.features is not None:
             self.features.start(problem)
-        kind = Moments if problem.finite_states else Vectors
-        self._view: Moments | Vectors = kind(problem, self.features)
+        self.open_eyes(problem)
+        self._view = (
+            Moments(problem, self.features) if problem.finite_states else Vectors(problem, self.features, self.encoder)
+        )
         self._online = ReplicaMLP(problem, self._view.size, problem.actions, self.hidden, "action values")
         self._target = deepcopy(self._online)
         self._adam = torch.optim.Adam(self._online.parameters(), lr=self.learning_rate)
@@ -125,6 +137,7 @@ class DQN(Agent):
         """See all that is remembered with the newest rewards, and fit."""
         count = store.new.labels.shape[1]
         self._replay.update(store, assigner)
+        self.look(store.new)
         updates = self.updates * count
         if self.update_ratio:  # what is left of one goes to the next round
             updates = int(self.update_ratio * (self._steps + store.taken)) - int(self.update_ratio * self._steps)

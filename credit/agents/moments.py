@@ -7,7 +7,7 @@ from torch import Tensor
 
 from credit.core.policy import Policy, TablePolicy
 from credit.core.problem import FLOAT, Problem
-from credit.core.seams import FeatureMap
+from credit.core.seams import Encoder, FeatureMap
 from credit.core.steps import Steps
 from credit.networks.perceptron import PRECISION, ReplicaMLP
 
@@ -49,25 +49,26 @@ class Vectors:
     """States are vectors: φ(s), or s as it is, and the share of the window that is over.
 
     Args:
-        problem: sizes. features: φ, started; None for the vectors themselves.
+        problem: sizes. features: φ, started; None for the vectors themselves,
+        encoder: as this one, started, sees them; None for as they are.
 
     Attributes:
         size: how many numbers that is.
     """
 
-    def __init__(self, problem: Problem, features: FeatureMap | None) -> None:
-        self._problem, self._features = problem, features
+    def __init__(self, problem: Problem, features: FeatureMap | None, encoder: Encoder | None = None) -> None:
+        self._problem, self._features, self._encoder = problem, features, encoder
         blank = problem.blank()
         self.size = self(blank.states, blank.times).shape[-1]
 
     def __call__(self, states: Tensor, step: Tensor) -> Tensor:
         """Inputs [..., size] for states [..., O] at steps [...]."""
-        seen = states
+        seen = states if self._encoder is None else self._encoder(states)
         if self._features is not None:
             nothing = torch.zeros_like(step)
             seen = self._features(Steps(states, nothing, states, step))
         share = step.unsqueeze(-1) / self._problem.horizon
-        return torch.cat([seen.to(PRECISION), share.to(PRECISION)], dim=-1)
+        return torch.cat([seen.to(PRECISION), share.to(PRECISION).expand(*seen.shape[:-1], 1)], dim=-1)
 
     def greedy(self, values: ReplicaMLP) -> Policy:
         """The best action, as the network has it now."""
