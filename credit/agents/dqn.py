@@ -22,7 +22,7 @@ from credit.core.seams import Agent, CreditAssigner, Encoder, FeatureMap
 from credit.core.store import Store
 from credit.core.streams import Stream
 from credit.data.replay import Batch, Replay
-from credit.networks.perceptron import PRECISION, ReplicaMLP
+from credit.networks.perceptron import PRECISION, ReplicaDueling, ReplicaMLP, ReplicaNetwork
 
 LOSSES = {"l2": mse_loss, "smooth_l1": smooth_l1_loss}
 
@@ -52,6 +52,7 @@ class DQN(Seeing, Agent):
         monte_carlo: m, the share of the return in the target.
         double: whether a* is the network's choice (double DQN) or that of the target network itself.
         loss: squared error, or smooth_l1, which is linear beyond an error of 1.
+        dueling: whether Q is V + A − mean A, with a stream of its own for each behind the last but one hidden layer.
         encoder: how the network sees a vector; None for as it is.
 
     Raises:
@@ -81,6 +82,7 @@ class DQN(Seeing, Agent):
         monte_carlo: Probability = 0.0,
         double: bool = True,
         loss: Literal["l2", "smooth_l1"] = "l2",
+        dueling: bool = False,
         encoder: Encoder | None = None,
     ) -> None:
         if features is not None and encoder is not None:
@@ -108,6 +110,7 @@ class DQN(Seeing, Agent):
         self.monte_carlo = monte_carlo
         self.double = double
         self.loss = loss
+        self.dueling = dueling
         self.encoder = encoder
 
     def start(self, problem: Problem) -> None:
@@ -119,7 +122,8 @@ class DQN(Seeing, Agent):
         self._view = (
             Moments(problem, self.features) if problem.finite_states else Vectors(problem, self.features, self.encoder)
         )
-        self._online = ReplicaMLP(problem, self._view.size, problem.actions, self.hidden, "action values")
+        kind = ReplicaDueling if self.dueling else ReplicaMLP
+        self._online: ReplicaNetwork = kind(problem, self._view.size, problem.actions, self.hidden, "action values")
         self._target = deepcopy(self._online)
         self._adam = torch.optim.Adam(self._online.parameters(), lr=self.learning_rate)
         self._replay = Replay(

@@ -9,7 +9,7 @@ from credit.core.policy import Policy, TablePolicy
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Encoder, FeatureMap
 from credit.core.steps import Steps
-from credit.networks.perceptron import PRECISION, ReplicaMLP
+from credit.networks.perceptron import PRECISION, ReplicaNetwork
 
 
 class Moments:
@@ -39,7 +39,7 @@ class Moments:
         """Inputs [..., size] for states [...] at steps [...]; behind the last step, the last one stands in."""
         return self._inputs[step.clamp(max=self._problem.horizon - 1) * self._problem.states + states]
 
-    def greedy(self, values: ReplicaMLP) -> Policy:
+    def greedy(self, values: ReplicaNetwork) -> Policy:
         """The best action in every moment, as a table."""
         best = values.best(self._inputs).view(-1, self._problem.horizon, self._problem.states)
         return TablePolicy(best, self._problem.actions)
@@ -70,7 +70,7 @@ class Vectors:
         share = step.unsqueeze(-1) / self._problem.horizon
         return torch.cat([seen.to(PRECISION), share.to(PRECISION).expand(*seen.shape[:-1], 1)], dim=-1)
 
-    def greedy(self, values: ReplicaMLP) -> Policy:
+    def greedy(self, values: ReplicaNetwork) -> Policy:
         """The best action, as the network has it now."""
         return Best(self, values)
 
@@ -82,7 +82,7 @@ class Best(Policy):
         view: what the network sees. values: the network.
     """
 
-    def __init__(self, view: Vectors, values: ReplicaMLP) -> None:
+    def __init__(self, view: Vectors, values: ReplicaNetwork) -> None:
         self._view, self._values = view, values
 
     @torch.no_grad()
