@@ -13,6 +13,8 @@ from torch.nn.functional import mse_loss, smooth_l1_loss
 from credit.agents.exploring import EpsilonGreedy
 from credit.agents.moments import Moments, Vectors
 from credit.agents.seeing import Seeing
+from credit.agents.torchrl.networks import Network
+from credit.agents.torchrl.seeding import seeded
 from credit.core.component import Kind, Setting
 from credit.core.errors import UserError
 from credit.core.policy import Policy
@@ -20,9 +22,10 @@ from credit.core.problem import FLOAT, Problem
 from credit.core.ranges import NonNegative, NonNegativeInt, Positive, PositiveInt, Probability
 from credit.core.seams import Agent, CreditAssigner, Encoder, FeatureMap
 from credit.core.store import Store
-from credit.core.streams import Stream
+from credit.core.streams import Stream, reset_seed
 from credit.data.replay import Batch, Replay
 from credit.networks.perceptron import PRECISION, ReplicaDueling, ReplicaMLP, ReplicaNetwork
+from credit.networks.replicated import Replicated
 
 LOSSES = {"l2": mse_loss, "smooth_l1": smooth_l1_loss}
 
@@ -54,9 +57,10 @@ class DQN(Seeing, Agent):
         loss: squared error, or smooth_l1, which is linear beyond an error of 1.
         dueling: whether Q is V + A − mean A, with a stream of its own for each behind the last but one hidden layer.
         encoder: how the network sees a vector; None for as it is.
+        network: what makes the network; None for a perceptron of `hidden` layers.
 
     Raises:
-        UserError: ε would rise; there are features and an encoder.
+        UserError: ε would rise; there are features and an encoder, or a network that is to be dueling.
     """
 
     actions: ClassVar[Kind] = "finite"
@@ -84,7 +88,13 @@ class DQN(Seeing, Agent):
         loss: Literal["l2", "smooth_l1"] = "l2",
         dueling: bool = False,
         encoder: Encoder | None = None,
+        network: Network | None = None,
     ) -> None:
+        if dueling and network is not None:
+            raise UserError(
+                f"agent.dueling=true with agent.network={type(network).__name__}: a network of its own says how it "
+                "comes to action values; leave one out (agent.dueling=false, or agent.network=null)"
+            )
         if features is not None and encoder is not None:
             raise UserError(
                 f"encoder={type(encoder).__name__} and agent.features={type(features).__name__}: both say what the "
@@ -112,6 +122,7 @@ class DQN(Seeing, Agent):
         self.loss = loss
         self.dueling = dueling
         self.encoder = encoder
+        self.network = network
 
     def start(self, problem: Problem) -> None:
         """Random networks, nothing to replay."""
@@ -122,8 +133,7 @@ class DQN(Seeing, Agent):
         self._view = (
             Moments(problem, self.features) if problem.finite_states else Vectors(problem, self.features, self.encoder)
         )
-        kind = ReplicaDueling if self.dueling else ReplicaMLP
-        self._online: ReplicaNetwork = kind(problem, self._view.size, problem.actions, self.hidden, "action values")
+        self._online = self._network(problem)
         self._target = deepcopy(self._online)
         self._adam = torch.optim.Adam(self._online.parameters(), lr=self.learning_rate)
         self._replay = Replay(
@@ -159,10 +169,27 @@ class DQN(Seeing, Agent):
         """ε-greedy."""
         return EpsilonGreedy(self._policy, self._exploration(), self._problem.actions, self._stream)
 
+    def remark(self) -> str:
+        """Whether replicas learn one after the other."""
+        if isinstance(self._online, Replicated) and self._online.loops:
+            return "agent.network: torch.func does not carry this module over seeds, which learn one after the other"
+        return ""
+
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Go on from a state; what is greedy follows from the network."""
         super().load_state_dict(state)
         self._policy = self._view.greedy(self._online)
+
+    def _network(self, problem: Problem) -> ReplicaNetwork:
+        """Fresh action values."""
+        if self.network is None:
+            kind = ReplicaDueling if self.dueling else ReplicaMLP
+            return kind(problem, self._view.size, problem.actions, self.hidden, "action values")
+        made = []
+        for seed in problem.seeds:
+            with seeded(reset_seed(seed, "action values, network", 0, 0), problem.device):
+                made.append(self.network.make(self._view.size, problem.actions, problem.device))
+        return Replicated(made, self._view.size)
 
     def _exploration(self) -> float:
         done = self._steps / self.epsilon_steps if self.epsilon_steps else self._windows / self.epsilon_windows

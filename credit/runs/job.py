@@ -81,7 +81,7 @@ def check(config: Mapping[str, Any]) -> schema.Check:
             found.problems += rehearsal.problems(config, trainer)
             if not found.problems:
                 trainer.start((config["seed"],))
-                found.remark = trainer.env.remark()
+                found.remark = " ".join(filter(None, (trainer.env.remark(), trainer.agent.remark())))
         except Misfit as error:
             found.problems += fitting.said(error, trainer.problem, trainer.env.knowledge())
         except UserError as error:
