@@ -12,21 +12,25 @@ from torch.nn.functional import mse_loss, smooth_l1_loss
 
 from credit.agents.exploring import EpsilonGreedy
 from credit.agents.moments import Moments, Vectors
-from credit.core.component import Setting
+from credit.agents.seeing import Seeing
+from credit.agents.torchrl.networks import Network
+from credit.agents.torchrl.seeding import seeded
+from credit.core.component import Kind, Setting
 from credit.core.errors import UserError
 from credit.core.policy import Policy
 from credit.core.problem import FLOAT, Problem
 from credit.core.ranges import NonNegative, NonNegativeInt, Positive, PositiveInt, Probability
-from credit.core.seams import Agent, CreditAssigner, FeatureMap
+from credit.core.seams import Agent, CreditAssigner, Encoder, FeatureMap
 from credit.core.store import Store
-from credit.core.streams import each_step
+from credit.core.streams import each_step, reset_seed
 from credit.data.replay import Batch, Replay
-from credit.networks.perceptron import PRECISION, ReplicaMLP
+from credit.networks.perceptron import PRECISION, ReplicaDueling, ReplicaMLP, ReplicaNetwork
+from credit.networks.replicated import Replicated
 
 LOSSES = {"l2": mse_loss, "smooth_l1": smooth_l1_loss}
 
 
-class DQN(Agent):
+class DQN(Seeing, Agent):
     """Deep Q-learning with replay and a target network, ε-greedy, one network a replica (A.2).
 
     Q(s, t, ·) is a network on φ(s) and the step t (one-hot where states are numbers, t/T where they are vectors),
@@ -53,12 +57,15 @@ class DQN(Agent):
         double: whether a* is the network's choice (double DQN) or that of the target network itself.
         loss: squared error, or smooth_l1, which is linear beyond an error of 1.
         timed: whether values depend on the step.
+        dueling: whether Q is V + A − mean A, with a stream of its own for each behind the last but one hidden layer.
+        encoder: how the network sees a vector; None for as it is.
+        network: what makes the network; None for a perceptron of `hidden` layers.
 
     Raises:
-        UserError: ε would rise.
+        UserError: ε would rise; there are features and an encoder, or a network that is to be dueling.
     """
 
-    actions: ClassVar = "finite"
+    actions: ClassVar[Kind] = "finite"
     setting: ClassVar[Setting] = "episodic"
     keeps: ClassVar = ("_online", "_target", "_adam", "_replay", "_stream", "_windows", "_steps", "_updates")
 
@@ -82,7 +89,20 @@ class DQN(Agent):
         double: bool = True,
         loss: Literal["l2", "smooth_l1"] = "l2",
         timed: bool = True,
+        dueling: bool = False,
+        encoder: Encoder | None = None,
+        network: Network | None = None,
     ) -> None:
+        if dueling and network is not None:
+            raise UserError(
+                f"agent.dueling=true with agent.network={type(network).__name__}: a network of its own says how it "
+                "comes to action values; leave one out (agent.dueling=false, or agent.network=null)"
+            )
+        if features is not None and encoder is not None:
+            raise UserError(
+                f"encoder={type(encoder).__name__} and agent.features={type(features).__name__}: both say what the "
+                "network sees of a state; leave one out (encoder=null, or agent.features=null)"
+            )
         if epsilon_floor > epsilon:
             raise UserError(
                 f"agent.epsilon_floor={epsilon_floor}: exploration falls to it, so it is at most "
@@ -106,6 +126,9 @@ class DQN(Agent):
         self.timed = timed
         if not timed:
             self.setting = "any"  # type: ignore[misc]
+        self.dueling = dueling
+        self.encoder = encoder
+        self.network = network
 
     def start(self, problem: Problem) -> None:
         """Random networks, nothing to replay.
@@ -121,9 +144,13 @@ class DQN(Agent):
         self._problem = problem
         if self.features is not None:
             self.features.start(problem)
-        kind = Moments if problem.finite_states else Vectors
-        self._view: Moments | Vectors = kind(problem, self.features, self.timed)
-        self._online = ReplicaMLP(problem, self._view.size, problem.actions, self.hidden, "action values")
+        self.open_eyes(problem)
+        self._view = (
+            Moments(problem, self.features, self.timed)
+            if problem.finite_states
+            else Vectors(problem, self.features, self.encoder, self.timed)
+        )
+        self._online = self._network(problem)
         self._target = deepcopy(self._online)
         self._adam = torch.optim.Adam(self._online.parameters(), lr=self.learning_rate)
         self._replay = Replay(
@@ -141,6 +168,7 @@ class DQN(Agent):
         """See all that is remembered with the newest rewards, and fit."""
         count = store.new.labels.shape[1]
         self._replay.update(store, assigner)
+        self.look(store.new)
         updates = self.updates * count
         if self.update_ratio:  # what is left of one goes to the next round
             updates = int(self.update_ratio * (self._steps + store.taken)) - int(self.update_ratio * self._steps)
@@ -158,10 +186,27 @@ class DQN(Agent):
         """ε-greedy."""
         return EpsilonGreedy(self._policy, self._exploration(), self._problem.actions, self._stream)
 
+    def remark(self) -> str:
+        """Whether replicas learn one after the other."""
+        if isinstance(self._online, Replicated) and self._online.loops:
+            return "agent.network: torch.func does not carry this module over seeds, which learn one after the other"
+        return ""
+
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Go on from a state; what is greedy follows from the network."""
         super().load_state_dict(state)
         self._policy = self._view.greedy(self._online)
+
+    def _network(self, problem: Problem) -> ReplicaNetwork:
+        """Fresh action values."""
+        if self.network is None:
+            kind = ReplicaDueling if self.dueling else ReplicaMLP
+            return kind(problem, self._view.size, problem.actions, self.hidden, "action values")
+        made = []
+        for seed in problem.seeds:
+            with seeded(reset_seed(seed, "action values, network", 0, 0), problem.device):
+                made.append(self.network.make(self._view.size, problem.actions, problem.device))
+        return Replicated(made, self._view.size)
 
     def _exploration(self) -> float:
         done = self._steps / self.epsilon_steps if self.epsilon_steps else self._windows / self.epsilon_windows

@@ -7,9 +7,9 @@ from torch import Tensor
 
 from credit.core.policy import Policy, TablePolicy
 from credit.core.problem import FLOAT, Problem
-from credit.core.seams import FeatureMap
+from credit.core.seams import Encoder, FeatureMap
 from credit.core.steps import Steps
-from credit.networks.perceptron import PRECISION, ReplicaMLP
+from credit.networks.perceptron import PRECISION, ReplicaNetwork
 
 
 class Moments:
@@ -43,7 +43,7 @@ class Moments:
             return self._inputs[states]
         return self._inputs[step.clamp(max=self._problem.horizon - 1) * self._problem.states + states]
 
-    def greedy(self, values: ReplicaMLP) -> Policy:
+    def greedy(self, values: ReplicaNetwork) -> Policy:
         """The best action in every moment, as a table."""
         best = values.best(self._inputs)
         moments = (self._problem.horizon, self._problem.states) if self._timed else (self._problem.states,)
@@ -54,29 +54,32 @@ class Vectors:
     """States are vectors: φ(s), or s as it is, and the share of the window that is over.
 
     Args:
-        problem: sizes. features: φ, started; None for the vectors themselves. timed: whether that share is seen.
+        problem: sizes. features: φ, started; None for the vectors themselves. encoder: as this one, started, sees them;
+            None for as they are. timed: whether that share is seen.
 
     Attributes:
         size: how many numbers that is.
     """
 
-    def __init__(self, problem: Problem, features: FeatureMap | None, timed: bool = True) -> None:
-        self._problem, self._features, self._timed = problem, features, timed
+    def __init__(
+        self, problem: Problem, features: FeatureMap | None, encoder: Encoder | None = None, timed: bool = True
+    ) -> None:
+        self._problem, self._features, self._encoder, self._timed = problem, features, encoder, timed
         blank = problem.blank()
         self.size = self(blank.states, blank.times).shape[-1]
 
     def __call__(self, states: Tensor, step: Tensor) -> Tensor:
         """Inputs [..., size] for states [..., O] at steps [...]."""
-        seen = states
+        seen = states if self._encoder is None else self._encoder(states)
         if self._features is not None:
             nothing = torch.zeros_like(step)
             seen = self._features(Steps(states, nothing, states, step))
         if not self._timed:
             return seen.to(PRECISION)
         share = step.unsqueeze(-1) / self._problem.horizon
-        return torch.cat([seen.to(PRECISION), share.to(PRECISION)], dim=-1)
+        return torch.cat([seen.to(PRECISION), share.to(PRECISION).expand(*seen.shape[:-1], 1)], dim=-1)
 
-    def greedy(self, values: ReplicaMLP) -> Policy:
+    def greedy(self, values: ReplicaNetwork) -> Policy:
         """The best action, as the network has it now."""
         return Best(self, values)
 
@@ -88,7 +91,7 @@ class Best(Policy):
         view: what the network sees. values: the network.
     """
 
-    def __init__(self, view: Vectors, values: ReplicaMLP) -> None:
+    def __init__(self, view: Vectors, values: ReplicaNetwork) -> None:
         self._view, self._values = view, values
 
     @torch.no_grad()

@@ -28,6 +28,7 @@ TRY = {  # kind → the words that put an option to use
     "assigner": "method=delayed assigner=$name",
     "transition": "transition=$name",
     "agent": "agent=$name",
+    "encoder": "env=gymnasium env.id=Pendulum-v1 encoder=$name",
     "scaler": "scaler=$name",
 }
 GROUP = "credit.components"

@@ -21,6 +21,7 @@ from credit.core.seams import (
     Agent,
     Bonus,
     CreditAssigner,
+    Encoder,
     Environment,
     FeatureMap,
     Feedback,
@@ -151,6 +152,10 @@ def _features(answer: Any, problem: Problem, asked: tuple[Any, ...]) -> None:
     tensor(answer, "what steps look like", (*leading, None))
 
 
+def _encoded(answer: Any, problem: Problem, asked: tuple[Any, ...]) -> None:
+    tensor(answer, "what networks see", (problem.replicas, asked[0].shape[-2], problem.observations))
+
+
 def _estimate(answer: Any, problem: Problem, asked: tuple[Any, ...]) -> None:
     if not isinstance(answer, Estimate):
         raise Broken(f"{_shown(answer)}, and it must be an Estimate(mean, variance, draws)")
@@ -229,6 +234,7 @@ PROMISES: dict[type, dict[str, Promise]] = {
     Environment: {"reset": _reset, "step": _step},
     Feedback: {"__call__": _labels},
     FeatureMap: {"__call__": _features},
+    Encoder: {"__call__": _encoded},
     RewardModel: {"estimate": _estimate},
     Mixer: {"weights": _weights},
     Bonus: {"__call__": _optimism},

@@ -89,6 +89,29 @@ class FeatureMap(Component):
         """φ of every step, float64 [..., d]; float32 or bool where states are vectors."""
 
 
+class Encoder(Component):
+    """How networks see a state: `encoder(states) -> states`, of the same size.
+
+    Rows are stored as the environment gave them, and agents look through the encoder whenever they look at one: to
+    act, to be judged, and at everything that is replayed. So what an encoder learns may change from round to round, and
+    no row is out of date. It learns from training steps only: agents show it what they learn from, and evaluations are
+    never shown. Reward models and feature maps look at the stored rows, in units of the world (names, thresholds and
+    cells mean what they say there), and neural models scale their own features.
+    """
+
+    @abstractmethod
+    def start(self, problem: Problem) -> None:
+        """Learn the sizes; forget all steps."""
+
+    @abstractmethod
+    def observe(self, windows: Windows) -> None:
+        """Take in new windows of training steps, once each."""
+
+    @abstractmethod
+    def __call__(self, states: Tensor) -> Tensor:
+        """What networks see [R, n, O] of states [R, n, O], or of [n, O] that are the same for all replicas."""
+
+
 class Uncertainty(Component):
     """How far the fits of a model can be trusted. One component may serve several models."""
 
@@ -321,6 +344,10 @@ class Agent(Component):
     def table(self) -> Tensor | None:
         """One action for every state [R, S], where to look it up is all that `act` does until `improve`; else None."""
         return None
+
+    def remark(self) -> str:
+        """What a user should know of it before a run, once started; nothing by default."""
+        return ""
 
     def diagnostics(self) -> dict[str, Tensor]:
         """What the last improvement came to: name → [R], for the journal; nothing by default."""

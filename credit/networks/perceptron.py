@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
@@ -36,7 +37,24 @@ class ReplicaLinear(nn.Module):
         return torch.baddbmm(self.bias, values, self.weight)
 
 
-class ReplicaMLP(MLP):
+class ReplicaNetwork(nn.Module):
+    """R networks side by side, one a replica: [R, B, in] → [R, B, out]; all parameters begin with R."""
+
+    @abstractmethod
+    def alone(self, replica: int, inputs: Tensor) -> Tensor:
+        """The outputs [N, out] of one replica for inputs [N, in]."""
+
+    @torch.no_grad()
+    def best(self, inputs: Tensor) -> Tensor:
+        """The output with the largest value [R, N] for the same many inputs [N, in] in every replica.
+
+        One replica at a time: what lies between two layers then stays in the cache.
+        """
+        replicas = len(next(self.parameters()))
+        return torch.stack([self.alone(replica, inputs).argmax(-1) for replica in range(replicas)])
+
+
+class ReplicaMLP(MLP, ReplicaNetwork):
     """R multi-layer perceptrons (ReLU, float32), one a replica: [R, B, in] → [R, B, out].
 
     Args:
@@ -58,19 +76,54 @@ class ReplicaMLP(MLP):
             device=problem.device,
         )
 
-    @torch.no_grad()
-    def best(self, inputs: Tensor) -> Tensor:
-        """The output with the largest value [R, N] for the same many inputs [N, in] in every replica.
+    def alone(self, replica: int, inputs: Tensor) -> Tensor:
+        """The outputs [N, out] of one replica for inputs [N, in]."""
+        values = inputs
+        for layer in self:
+            if isinstance(layer, ReplicaLinear):
+                values = torch.addmm(layer.bias[replica], values, layer.weight[replica])
+            else:
+                values = layer(values)
+        return values
 
-        One replica at a time: what lies between two layers then stays in the cache.
-        """
-        found = []
-        for replica in range(len(next(self.parameters()))):
-            values = inputs
-            for layer in self:
-                if isinstance(layer, ReplicaLinear):
-                    values = torch.addmm(layer.bias[replica], values, layer.weight[replica])
-                else:
-                    values = layer(values)
-            found.append(values.argmax(-1))
-        return torch.stack(found)
+
+class ReplicaDueling(ReplicaNetwork):
+    """R dueling networks: Q(s, a) = V(s) + A(s, a) − mean A(s, ·) (Wang et al. 2016, equation 9).
+
+    V and A are streams that have the last hidden layer for themselves and share those before it.
+
+    Args:
+        problem: gives the seeds, which decide the initial weights, and the device.
+        inputs: numbers that go in. outputs: how many actions there are. hidden: widths between them.
+        purpose: names the stream of the initial weights.
+    """
+
+    def __init__(self, problem: Problem, inputs: int, outputs: int, hidden: Sequence[int], purpose: str) -> None:
+        super().__init__()
+        shared, own = list(hidden[:-1]), list(hidden[-1:])
+        self._shares = bool(shared)
+        if shared:
+            self.trunk = ReplicaMLP(problem, inputs, shared[-1], shared[:-1], f"{purpose}, trunk")
+        width = shared[-1] if shared else inputs
+        self.value = ReplicaMLP(problem, width, 1, own, f"{purpose}, value")
+        self.advantage = ReplicaMLP(problem, width, outputs, own, f"{purpose}, advantage")
+
+    def forward(self, values: Tensor) -> Tensor:
+        """Q [R, B, A] of inputs [R, B, in]."""
+        seen = self.trunk(values).relu() if self._shares else values
+        return dueling(self.value(seen), self.advantage(seen))
+
+    def alone(self, replica: int, inputs: Tensor) -> Tensor:
+        """Q [N, A] of one replica for inputs [N, in]."""
+        seen = self.trunk.alone(replica, inputs).relu() if self._shares else inputs
+        return dueling(self.value.alone(replica, seen), self.advantage.alone(replica, seen))
+
+
+def dueling(value: Tensor, advantage: Tensor) -> Tensor:
+    """V + A − mean A, of V [..., 1] and A [..., A].
+
+    Example:
+        >>> dueling(torch.tensor([1.0]), torch.tensor([0.0, 2.0]))
+        tensor([0., 2.])
+    """
+    return value + advantage - advantage.mean(-1, keepdim=True)

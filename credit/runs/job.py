@@ -91,7 +91,8 @@ def check(config: Mapping[str, Any]) -> schema.Check:
                 trainer.start(Job.of(config).seeds if config.get("policy_from") else (config["seed"],))
                 starting.given(config, trainer)
                 starting.inherited(config, trainer)
-                found.remark = "; ".join(filter(None, (trainer.env.remark(), _dying_pays(trainer))))
+                remarks = (trainer.env.remark(), trainer.agent.remark(), _dying_pays(trainer))
+                found.remark = "; ".join(filter(None, remarks))
         except Misfit as error:
             found.problems += fitting.said(error, trainer.problem, trainer.env.knowledge())
         except UserError as error:

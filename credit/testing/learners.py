@@ -9,7 +9,7 @@ from torch import Tensor
 
 from credit.agents.random import Random
 from credit.core.problem import FLOAT, Problem
-from credit.core.seams import Agent, CreditAssigner, Transition
+from credit.core.seams import Agent, CreditAssigner, Encoder, Transition
 from credit.core.windows import Windows
 from credit.testing.cases import Case
 from credit.testing.expect import close, expect, finite, shaped
@@ -59,6 +59,25 @@ def part_of(windows: Windows, which: slice) -> Windows:
     steps = (windows.states, windows.actions, windows.next_states)
     states, actions, arrivals = (windows.grid(part)[:, which] for part in steps)
     return Windows.of_grid(states, actions, arrivals, windows.labels[:, which])
+
+
+def encoder(case: Case) -> None:
+    """A state has one look, whatever stands beside it; no look changes another, and the state stays what it is."""
+    part, problem, store = case.built("encoder")
+    expect(isinstance(part, Encoder), f"{type(part).__name__} is no Encoder")
+    part.start(problem)
+    states = store.windows.states
+    before = states.clone()
+    for seen in (False, True):
+        if seen:
+            part.observe(store.windows)
+        found = part(states)
+        shaped(found, states.shape, "what networks see")
+        finite(found, "what networks see")
+        _typed(found, torch.float32, "what networks see")
+        expect(torch.equal(states, before), "the states that it was given were changed in place")
+        close(part(states[:, :1]), found[:, :1], "a state looks different beside others, or the second time")
+        close(part(states[0])[0], found[0], "a state looks different where it is given for all replicas at once")
 
 
 def agent(case: Case) -> None:

@@ -32,6 +32,7 @@ OF_KIND: dict[str, Check] = {
     "uncertainty": models.uncertainty,
     "mixer": models.mixer,
     "bonus": models.bonus,
+    "encoder": learners.encoder,
     "scaler": models.scaler,
     "assigner": learners.assigner,
     "transition": learners.transition,

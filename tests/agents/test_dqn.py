@@ -198,7 +198,13 @@ def test_targets_by_hand() -> None:
 
 @pytest.mark.parametrize(
     "keys",
-    [{}, {"hidden": (17, 5), "batch": 13}, {"hidden": (64, 1), "batch": 16}, {"hidden": (), "batch": 1}],
+    [
+        {},
+        {"hidden": (17, 5), "batch": 13},
+        {"hidden": (64, 1), "batch": 16},
+        {"hidden": (), "batch": 1},
+        pytest.param({"hidden": (7, 5), "batch": 9, "dueling": True}, marks=pytest.mark.thorough),
+    ],
     ids=str,
 )
 def test_a_replica_learns_and_acts_alone_as_in_a_batch(

@@ -87,6 +87,12 @@ def test_agents(some: Some, name: str) -> None:
         learners.agent(case)
 
 
+@pytest.mark.parametrize("name", options("encoder"))
+def test_encoders(some: Some, name: str) -> None:
+    for case in some("encoder", name):
+        learners.encoder(case)
+
+
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_environments(experiment: str) -> None:
     config = composed(f"experiment={experiment}")

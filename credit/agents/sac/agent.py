@@ -38,6 +38,7 @@ class SAC(Learner, Agent):  # noqa: D101 - the learner's docstring is its own
                 "trainer.steps_per_round, where each takes as many steps"
             )
         self._problem = problem
+        self.open_eyes(problem)
         states = problem.states if problem.finite_states else problem.observations
         self.make(states, problem.actions, problem.seeds, problem.device)
         self.memory = self.replay(problem)
@@ -54,6 +55,7 @@ class SAC(Learner, Agent):  # noqa: D101 - the learner's docstring is its own
         new = store.new
         first = len(new) == len(store.windows)
         self.memory.update(store, assigner, self.time_cost)
+        self.look(new)
         transitions = [store.taken] if self._problem.lockstep or new.count is None else new.count.tolist()
         self._diagnostics |= self.fit(self.memory, self.round_updates(first, transitions))
 
@@ -73,7 +75,7 @@ class SAC(Learner, Agent):  # noqa: D101 - the learner's docstring is its own
         policy = self._policies[name, copies]
         if not self._problem.lockstep and not step.any():
             policy.restart()
-        return policy.actions(encoded(states, self._states), explore=name == "exploring")
+        return policy.actions(encoded(self.seen(states), self._states), explore=name == "exploring")
 
 
 class Mean(Policy):

@@ -13,12 +13,13 @@ from torch import Tensor
 from credit.agents.sac.loss import Compiled, Gradients, Terms, entropy_room, losses
 from credit.agents.sac.networks import CRITICS, encoded
 from credit.agents.sac.policy import Policy
+from credit.agents.seeing import Seeing
 from credit.core.component import ranged
 from credit.core.draws import Draws
 from credit.core.errors import RunError, UserError
 from credit.core.problem import Problem
 from credit.core.ranges import NonNegative, Positive, PositiveInt, Probability
-from credit.core.state import Stateful
+from credit.core.seams import Encoder
 from credit.core.streams import generators
 from credit.data.preferred import Prefer
 from credit.data.replay import Batch, Replay
@@ -31,7 +32,7 @@ BLOCK = 32  # batches drawn at once
 Rate = Annotated[float, Interval(gt=0, le=1)]
 
 
-class Learner(Stateful):
+class Learner(Seeing):
     """Soft actor-critic with twin critics (B.2, line 13), on steps whose rewards may change from round to round.
 
     Actions are vectors in [−1, 1], states vectors, or numbers (seen one-hot). The defaults are the recipe `stable`; the
@@ -54,6 +55,7 @@ class Learner(Stateful):
         target_entropy: H̄; None is minus the number of actions.
         time_cost: what every step costs: subtracted from every reward.
         compile: whether `torch.compile` gets the update, after half a minute; wants a C++ compiler on a CPU.
+        encoder: how the networks see a vector; None for as it is.
 
     Example: on transitions of one's own, one seed, every window an episode.
         >>> problem = Problem.vectors(4, 2, window=300, seeds=(0,))
@@ -95,6 +97,7 @@ class Learner(Stateful):
         target_entropy: float | None = None,
         time_cost: NonNegative = 0.0,
         compile: bool = False,
+        encoder: Encoder | None = None,
     ) -> None:
         self.width, self.depth, self.layer_norm = width, depth, layer_norm
         self.learning_rate, self.discount, self.target_rate = learning_rate, discount, target_rate
@@ -105,6 +108,7 @@ class Learner(Stateful):
         self.temperature, self.adapt_temperature = temperature, adapt_temperature
         self.target_entropy = target_entropy
         self.time_cost, self.compile = time_cost, compile
+        self.encoder = encoder
 
     def make(self, observations: int, actions: int, seeds: Sequence[int], device: torch.device | str = "cpu") -> None:
         """Make the networks of R seeds.
@@ -170,7 +174,7 @@ class Learner(Stateful):
         """The actions without noise [R, K, A] for states [R, K, ...], of the actors or of their averages."""
         actor = self.average if averaged else self.actor
         tape = Tape(actor.shape, actor.members, states.shape[1], self.device)
-        tape.input.copy_(encoded(states, self._states))
+        tape.input.copy_(encoded(self.seen(states), self._states))
         return actor.forward(tape).chunk(2, -1)[0].tanh()
 
     def policy(self, copies: int, horizon: int, averaged: bool = False) -> Policy:
@@ -231,7 +235,7 @@ class Learner(Stateful):
             batch: transitions [R, B]. noise: standard normal ε [2, R, B, A], for the actions at s and at s′.
         """
         self.count += 1
-        seen, ahead = (encoded(states, self._states) for states in (batch.observation, batch.ahead))
+        seen, ahead = (encoded(self.seen(states), self._states) for states in (batch.observation, batch.ahead))
         batch = batch._replace(observation=seen, ahead=ahead)
         due = self.count % self.policy_delay == 0
         terms = self._gradients(batch, noise, self.log_alpha, due)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Annotated, ClassVar, Literal
 
 import torch
 from annotated_types import Interval
 from torch import Tensor
 
+from credit.agents.seeing import Seeing
 from credit.agents.torchrl.learner import Learner
 from credit.agents.torchrl.memory import Memory
 from credit.agents.torchrl.networks import Activation, Network, Perceptron
@@ -21,13 +23,13 @@ from credit.core.checks import check_rewards
 from credit.core.policy import Policy
 from credit.core.problem import FLOAT, Problem
 from credit.core.ranges import NonNegative, Positive, PositiveInt, Probability
-from credit.core.seams import Agent, CreditAssigner
+from credit.core.seams import Agent, CreditAssigner, Encoder
 from credit.core.store import Store
 
 BLOCK = 32  # batches drawn at once
 
 
-class TorchRL(Agent):
+class TorchRL(Seeing, Agent):
     """One of TorchRL's losses: PPO, TD3 or discrete SAC.
 
     Every replica has a loss module, an optimizer and target networks of its own; replicas learn in a loop, one after
@@ -56,6 +58,7 @@ class TorchRL(Agent):
             targets. target_noise_clip: the most that this may be.
         temperature: of discrete_sac: α at the start. target_entropy: what α is adapted to, as a share of the largest
             entropy.
+        encoder: how networks see a vector; None for as it is.
 
     Raises:
         UserError: at the start: a loss that does not take the problem's actions.
@@ -91,6 +94,7 @@ class TorchRL(Agent):
         target_noise_clip: NonNegative = 0.5,
         temperature: Positive = 1.0,
         target_entropy: Probability = 0.98,
+        encoder: Encoder | None = None,
     ) -> None:
         self.loss = loss
         self.network = network
@@ -102,6 +106,7 @@ class TorchRL(Agent):
         self.tau, self.policy_delay = tau, policy_delay
         self.noise, self.target_noise, self.target_noise_clip = noise, target_noise, target_noise_clip
         self.temperature, self.target_entropy = temperature, target_entropy
+        self.encoder = encoder
 
     @property
     def newest(self) -> bool:
@@ -112,6 +117,7 @@ class TorchRL(Agent):
         """Fresh networks, nothing to replay."""
         self._problem, self._recipe = problem, recipe(self.loss, problem)
         self._head = self._recipe.head(self, problem)
+        self.open_eyes(problem)
         network = self.network or Perceptron(self.hidden, self.activation)
         self._learners = [Learner(self._recipe, self._head, self, network, problem, seed) for seed in problem.seeds]
         self._noise = Noise(problem, "torchrl/exploration", self._head.noise, self._head.width)
@@ -133,8 +139,10 @@ class TorchRL(Agent):
         """
         if self._replay is None:
             self._learn_newest(store, assigner)
+            self.look(store.new)  # afterwards: who learns must see what who acted saw
         else:
             self._replay.update(store, assigner)
+            self.look(store.new)
             self._learn_replayed(self._replay, store)
         self._rounds += 1
 
@@ -151,7 +159,7 @@ class TorchRL(Agent):
         return {name: value.clone() for name, value in self._told.items()}
 
     def _following(self, noise: Noise | None = None) -> Following:
-        return Following(self._learners, self._head, numbers_seen(self._problem), noise)
+        return Following(self._learners, self._head, numbers_seen(self._problem), self.seen, noise)
 
     def _learn_newest(self, store: Store, assigner: CreditAssigner) -> None:
         windows, acted = store.new, self._acted
@@ -160,6 +168,9 @@ class TorchRL(Agent):
             return
         rewards = assigner.rewards(windows)
         check_rewards(windows, rewards, self._problem)
+        if self.encoder is not None:
+            seen, ahead = self.seen(windows.states), self.seen(windows.next_states)
+            windows = replace(windows, states=seen, next_states=ahead)
         every = newest(windows, rewards, self._problem)
         for replica, (learner, data) in enumerate(zip(self._learners, every, strict=True)):
             if len(data):
@@ -173,6 +184,10 @@ class TorchRL(Agent):
         replay.begin(self._rounds)
         for block, done in enumerate(range(0, max(wanted), BLOCK)):
             batches = replay.sample(self.batch, min(BLOCK, max(wanted) - done))
+            batches = [
+                batch._replace(observation=self.seen(batch.observation), ahead=self.seen(batch.ahead))
+                for batch in batches
+            ]
             for replica, learner in enumerate(self._learners):
                 mine = batches[: max(0, wanted[replica] - done)]
                 with learner.random(f"update, block {block}", self._rounds):
