@@ -75,6 +75,7 @@ def test_every_slot_and_every_key_of_the_trainer_is_of_the_problem_or_of_the_lea
         "transition",
         "agent",
         "scaler",
+        "encoder",
     }
     assert slots == {*PROBLEM, *learner, "tracking"}
     keys = {name for name in inspect.signature(Trainer).parameters if name not in slots}
