@@ -25,6 +25,7 @@ from yaml import YAMLError
 
 from credit.config import answers, files, layers
 from credit.config.files import CONFIG_NAME
+from credit.config.kinds import KINDS
 from credit.core.errors import UserError
 
 COMPOSES = ("hydra", "choose", "defaults_for", "names")  # keys that are not part of a job
@@ -70,6 +71,7 @@ def _composed(words: tuple[str, ...], config_dirs: tuple[str, ...], stamp: objec
         if added := answers.of_constructor(error, words, config_dirs, compose):
             return _composed(tuple(added), config_dirs, stamp)
         raise UserError(answers.explain(error, words, config_dirs, compose)) from None
+    found = {slot: {} for kind in KINDS.values() if kind.several for slot in kind.slots} | found  # bonus=[]
     if found.get("experiment") != GENERIC:
         return found
     which = found["env"].get("id", found["env"].get("target"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from credit.config import registry
+from credit.config.identity import identity
 from credit.core.errors import UserError
 from credit.runs.runner import compose
 
@@ -41,3 +42,9 @@ def test_whatever_explain_lists_can_be_typed_as_it_stands(credit, experiment, me
         for part in key.split("."):
             config = config[part]
         assert config is None, key
+
+
+def test_a_list_may_be_emptied():
+    config = compose(["method=disagreement", "bonus=[]", "tracking=none"])
+    assert config["bonus"] == {}
+    assert identity(config) == identity(compose(["method=disagreement", "bonus=none", "tracking=none"]))
