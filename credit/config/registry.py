@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import deepcopy
 from functools import lru_cache
@@ -63,8 +63,8 @@ def compose(overrides: Sequence[str] = (), config_dirs: Sequence[str] = ()) -> d
 def _composed(words: tuple[str, ...], config_dirs: tuple[str, ...], stamp: object) -> dict[str, Any]:
     """What Hydra composes; once, as long as no file changes."""
     try:
-        with composing(words, config_dirs):
-            found = plain(hydra.compose(CONFIG_NAME, overrides=list(words)))
+        with composing(words, config_dirs) as layer:
+            found = plain(hydra.compose(CONFIG_NAME, overrides=[*_names(words, layer.roles), *words]))
     except UserError:
         raise
     except (*REFUSED, ValueError) as error:  # the last: `mixer=3`
@@ -76,6 +76,16 @@ def _composed(words: tuple[str, ...], config_dirs: tuple[str, ...], stamp: objec
         return found
     which = found["env"].get("id", found["env"].get("target"))
     return found | {"experiment": _folder_of(words, config_dirs, which)}
+
+
+def _names(words: Sequence[str], roles: Mapping[str, str]) -> list[str]:
+    """How titles call an agent that was chosen in the place of the experiment's: by its option."""
+    if (own := chosen("agent", words)) is None:
+        return []
+    said = {role: own for role in ("planner", "learner") if roles.get(role) != own}
+    return [f"names.{role}={name}" for role, name in said.items()] + (
+        [f"names.reference='Reference {own}'"] if "planner" in said else []
+    )
 
 
 def with_experiment(overrides: Sequence[str], config_dirs: Sequence[str] = ()) -> list[str]:

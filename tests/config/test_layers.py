@@ -71,6 +71,14 @@ def test_titles_call_roles_by_the_experiments_names() -> None:
     }
 
 
+def test_titles_call_another_agent_by_its_option() -> None:
+    titles = [
+        registry.compose([*words.split(), "tracking=none"])["title"]
+        for words in ("method=delayed agent=dqn", "method=delayed agent=q_learning", "method=disagreement agent=random")
+    ]
+    assert titles == ["Delayed dqn", "Delayed Q-learning", "Disagreement-random"]
+
+
 def test_two_options_of_one_group_have_two_values() -> None:
     scales = {
         (experiment, method): composed(experiment, method)["bonus"]["count"]["scale"]
