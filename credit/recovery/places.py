@@ -109,7 +109,8 @@ class Rows(Places):
                 f"these {len(windows)} rows are neither all {max(self._counts)} that were learned from nor the newest "
                 f"{newest}, and each has its own reward; ask `believe(steps)` about other steps"
             )
-        return row + torch.tensor(self._before, device=row.device).unsqueeze(1)
+        found = row + torch.tensor(self._before, device=row.device).unsqueeze(1)
+        return found.clamp(max=max(self._counts) - 1)  # rows that mean nothing stand behind a replica's last
 
     @property
     def counts(self) -> list[int]:
