@@ -168,7 +168,8 @@ class Plan:
             return cls(True, 1, steps, 0, trainer.random_steps, trainer.log_every * size, size, steps=steps)
         if trainer.random_steps:
             raise UserError(
-                f"trainer.random_steps={trainer.random_steps}: rounds are of windows; see trainer.random_windows"
+                f"trainer.random_steps={trainer.random_steps}: rounds are of windows; set it to 0, and "
+                "trainer.random_windows to as many as are to be random"
             )
         assert steps is not None
         budget = f"trainer.steps={steps}" if trainer.episodes is None else f"trainer.episodes={trainer.episodes}"

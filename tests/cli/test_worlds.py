@@ -10,6 +10,7 @@ import pytest
 SHORT = ("replicas=2", "tracking=none", "env.evaluation_episodes=1", "trainer.log_every=1")
 ROUNDS = ("trainer.steps=60", "trainer.steps_per_round=30")
 PENDULUM = ("env=torchrl", "env.target=torchrl.envs.PendulumEnv", "env.keys=[th,thdot]")
+ENDLESS = ("env=gymnasium", "env.id=CartPole-v1", "env.horizon=9", "feedback=block_sum", "feedback.window=5")
 SAC = ("agent.width=8", "agent.update_ratio=.1", "agent.batch=8", "trainer.random_steps=30")
 LAKE = ("env=torchrl", "env.target=torchrl.envs.GymEnv", "env.kwargs={env_name: FrozenLake-v1}", "env.max_steps=9")
 PACKAGE = '''"""Registers an environment, and has a wrapper."""
@@ -86,7 +87,7 @@ def test_an_id_of_a_package_in_wrappers_by_name(credit, folder, monkeypatch):
         (PENDULUM, "comes without a time limit"),
         (("env=gymnasium", "env.id=Pendulum-v1", "env.horizon=50"), "goes on for ever: no label would ever come"),
         (
-            ("env=gymnasium", "env.id=CartPole-v1", "env.horizon=9", "feedback=block_sum", "feedback.window=5"),
+            (*ENDLESS, "agent.timed=true"),
             "DQN needs a task that is episodic",
         ),
         (("env=gymnasium", "env.id=CartPole-v1", "env.wrappers=[nowhere:Wrapper]"), "there is no 'nowhere:Wrapper'"),
