@@ -116,8 +116,8 @@ class Plan:
         rolling: whether a unit is a step. unit: steps of one. whole: units of the run. rest: steps behind them.
         random: units at the start in which actions are random. every: units between two rows of the journal.
         rounds: units of a round. first: units at the start in rounds of their own, first_rounds: which have so many.
-        steps: of the whole run; 0 where that is not known before, since there are
-        episodes: whole ones of each replica, that are taken in rounds of steps; 0 where the units say how many.
+        steps: of the whole run; 0 where only its episodes are known. episodes: whole ones of each replica, that are
+            taken in rounds of steps; 0 where the units say how many.
     """
 
     rolling: bool
@@ -152,9 +152,8 @@ class Plan:
             copies = trainer.env.copies or 1
             if steps is None:
                 episodes = _episodes(trainer, problem, size, copies)
-                most = sys.maxsize
                 every = trainer.log_every * size
-                return cls(True, 1, most, 0, trainer.random_steps, every, size, episodes=episodes)
+                return cls(True, 1, sys.maxsize, 0, trainer.random_steps, every, size, episodes=episodes)
             if copies > 1 and (size % copies or steps % copies):
                 raise UserError(
                     f"env.copies={copies}: each takes as many of trainer.steps_per_round={size} and trainer.steps="

@@ -12,7 +12,7 @@ from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Agent, CreditAssigner
 from credit.core.state import Stateful
 from credit.core.store import Store
-from credit.core.streams import Episodes, Stream, each_step, generators
+from credit.core.streams import Episodes, Stream, each_step
 
 
 class Random(Agent):
@@ -26,8 +26,8 @@ class Random(Agent):
             self._acting = Numbers(problem, each_step(problem, "random policy", "uniform", 1))
             self._judged = Numbers(problem, Episodes(problem, "random policy, evaluation", "uniform", 1))
         else:
-            self._acting = Forces(problem, "random policy, act", not problem.lockstep)
-            self._judged = Forces(problem, "random policy, evaluation", True)
+            self._acting = Forces(each_step(problem, "random policy, act", "uniform", problem.actions))
+            self._judged = Forces(Episodes(problem, "random policy, evaluation", "uniform", problem.actions))
 
     def act(self, states: Tensor, step: Tensor) -> Tensor:
         """A uniform action."""
@@ -65,29 +65,17 @@ class Numbers(Policy, Stateful):
 
 
 class Forces(Policy, Stateful):
-    """Uniform actions [R, K, A]; where all begin together, an episode's are drawn at its start, so that none depends on
-    how long others last.
+    """Uniform actions in [−1, 1] [R, K, A].
 
     Args:
-        problem: A and the seeds. purpose: of the random numbers. together: whether all copies begin together.
+        stream: of the random numbers.
     """
 
-    keeps: ClassVar = ("_generators",)
+    keeps: ClassVar = ("_stream",)
 
-    def __init__(self, problem: Problem, purpose: str, together: bool) -> None:
-        self._generators = generators(problem.seeds, purpose)
-        self._problem, self._together = problem, together
+    def __init__(self, stream: Stream | Episodes) -> None:
+        self._stream = stream
 
     def act(self, states: Tensor, step: Tensor) -> Tensor:
-        """The episode's actions at its step, or those of one step."""
-        if not self._together:
-            return self._drawn(1, states)[0]
-        now = int(step.flatten()[0])
-        if now == 0:
-            self._episode = self._drawn(self._problem.horizon, states)
-        return self._episode[now]
-
-    def _drawn(self, steps: int, states: Tensor) -> Tensor:
-        shape = (steps, states.shape[1], self._problem.actions)
-        drawn = [torch.from_numpy(g.uniform(-1, 1, shape)) for g in self._generators]
-        return torch.stack(drawn, 1).to(states.device, torch.float32)
+        """One draw for each copy."""
+        return (2 * self._stream.rows(step) - 1).to(torch.float32)

@@ -156,8 +156,8 @@ class Replay(Stateful):
         if self._columns and self._columns["reward"].shape[1] >= len(windows):
             self._columns["reward"].zero_()
         else:
-            shape, device = rewards.shape, rewards.device
-            self._columns = {name: torch.zeros(shape, dtype=kind, device=device) for name, kind in self._kinds.items()}
+            self._columns = {}
+            self._make_room(len(windows))
         self._counts = [0] * len(rewards)
         self.extend(windows, rewards, checked=True)
 
@@ -176,14 +176,11 @@ class Replay(Stateful):
             if not rewards.isfinite().all():
                 raise UserError(f"new rewards are {rewards[~rewards.isfinite()][0].item()}; give finite numbers")
         rows, before = len(windows), self._counts
-        counts = [rows] * len(rewards) if windows.count is None else windows.count.tolist()
-        if not all(counts):
-            raise RuntimeError(f"replicas {[r for r, count in enumerate(counts) if not count]} have no rows")
+        counts = _rows_of(windows)
         added = [count - start for count, start in zip(counts, before, strict=True)]
         if max(added) != rewards.shape[1]:
             raise ValueError(f"rewards of shape {tuple(rewards.shape)} for at most {max(added)} new rows a replica")
-        if rows > self._columns["reward"].shape[1]:
-            self._columns = {name: grown(column, rows) for name, column in self._columns.items()}
+        self._make_room(rows)
         if len(set(before)) == len(set(counts)) == 1:
             self._columns["reward"][:, before[0] : rows] = rewards
         else:
@@ -205,9 +202,7 @@ class Replay(Stateful):
         """Make room for the new rows, and ask for the rewards of some, or for none as long as none is sampled."""
         windows, before = store.windows, self._counts
         rows, self._updates = len(windows), self._updates + 1
-        counts = [rows] * len(windows.labels) if windows.count is None else windows.count.tolist()
-        if not all(counts):
-            raise RuntimeError(f"replicas {[r for r, count in enumerate(counts) if not count]} have no rows")
+        counts = _rows_of(windows)
         self._make_room(rows)
         self._ages = torch.nn.functional.pad(self._ages, (0, rows - self._ages.shape[1]))
         if relabel == "sampled":
@@ -387,3 +382,11 @@ class Replay(Stateful):
         self._wins = own.sum(1, keepdim=True)
         places = own.nonzero()[:, 1].int().split(self._wins.flatten().tolist())
         self._preferred = torch.nn.utils.rnn.pad_sequence(list(places), batch_first=True)
+
+
+def _rows_of(windows: Windows) -> list[int]:
+    """How many rows each replica has."""
+    counts = [len(windows)] * len(windows.labels) if windows.count is None else windows.count.tolist()
+    if not all(counts):
+        raise RuntimeError(f"replicas {[r for r, count in enumerate(counts) if not count]} have no rows")
+    return counts

@@ -113,9 +113,9 @@ class Rolling(Stateful):
         rows, everyone = list[tuple[Tensor, ...]](), torch.ones_like(self._step, dtype=torch.bool)
         for _ in range(steps):
             going = self._ended < episodes if episodes else everyone
-            if not going.any():
-                break
             waits = bool(episodes) and not bool(going.all())
+            if waits and not going.any():
+                break
             action = policy.act(world.now, self._step)
             out = env.step(action, going) if waits else env.step(action)
             seen = out.rewards if self._feedback.reads is None else out.facts.get(self._feedback.reads, out.rewards)
@@ -140,8 +140,9 @@ class Rolling(Stateful):
             self._age = torch.where(closes, 0, self._age)
             self._next_lengths(closes)
             world.now = env.reset(ended) if bool(ended.any()) else out.states
-        self.taken = int(torch.stack([row[-1] for row in rows], 2).sum((1, 2)).max())
-        return Tape(*(torch.stack(column, 2) for column in zip(*rows, strict=True)))
+        tape = Tape(*(torch.stack(column, 2) for column in zip(*rows, strict=True)))
+        self.taken = int(tape.held.sum((1, 2)).max())
+        return tape
 
     def _next_lengths(self, begins: Tensor) -> None:
         """Draw how long windows are to be that begin now [R, K]."""

@@ -19,8 +19,9 @@ def make(
     """One environment with Gymnasium's face.
 
     Args:
-        target: what makes it. kwargs: for that. keys: of what is seen, None for all but what only counts, and what is
-        told: keys of observations that say whether a step is a success. max_steps: of an episode, None for its own.
+        target: what makes it. kwargs: for that. keys: of what is seen; None for all but what only counts and what is
+            told. told: keys of observations that say whether a step is a success. max_steps: of an episode, None for
+            its own.
 
     Raises:
         UserError: it is not there, cannot be made, or is many.
