@@ -56,6 +56,8 @@ MODULES = {
     "credit.rewards": "credit.recovery.models",
     "credit.rewards.features": "credit.recovery.features",
     "credit.agents.sac.optimizer": "credit.agents.sac.agent",
+    "credit.agents.torchrl.images": "credit.networks.images",
+    "credit.agents.torchrl.networks": "credit.networks.modules",
     "credit.alike": "credit.recovery.tables",
     "credit.artifacts": "credit.runs.artifacts",
     "credit.bonuses": "credit.recovery.bonuses",

@@ -13,8 +13,6 @@ from torch.nn.functional import mse_loss, smooth_l1_loss
 from credit.agents.exploring import EpsilonGreedy
 from credit.agents.moments import Moments, Vectors
 from credit.agents.seeing import Seeing
-from credit.agents.torchrl.networks import Network
-from credit.agents.torchrl.seeding import seeded
 from credit.core.component import Kind, Setting
 from credit.core.errors import UserError
 from credit.core.policy import Policy
@@ -24,8 +22,10 @@ from credit.core.seams import Agent, CreditAssigner, Encoder, FeatureMap
 from credit.core.store import Store
 from credit.core.streams import each_step, reset_seed
 from credit.data.replay import Batch, Replay
+from credit.networks.modules import Network
 from credit.networks.perceptron import PRECISION, ReplicaDueling, ReplicaMLP, ReplicaNetwork
 from credit.networks.replicated import Replicated
+from credit.networks.seeding import seeded
 
 LOSSES = {"l2": mse_loss, "smooth_l1": smooth_l1_loss}
 

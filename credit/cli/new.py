@@ -29,6 +29,7 @@ TRY = {  # kind → the words that put an option to use
     "transition": "transition=$name",
     "agent": "agent=$name",
     "encoder": "env=gymnasium env.id=Pendulum-v1 encoder=$name",
+    "network": "env=gymnasium env.id=CartPole-v1 method=delayed +network@agent.network=$name",
     "scaler": "scaler=$name",
 }
 GROUP = "credit.components"

@@ -60,6 +60,7 @@ KINDS = {
     "assigner": Kind("credit.core.seams:CreditAssigner", ("assigner",), "windows → one reward per step"),
     "transition": Kind("credit.core.seams:Transition", ("transition",), "P̂ for planning"),
     "agent": Kind("credit.core.seams:Agent", ("agent",), "relabelled rewards → policy"),
+    "network": Kind("credit.networks.modules:Network", (), "networks of one's own: +network@agent.network=…"),
     "encoder": Kind("credit.core.seams:Encoder", ("encoder",), "how an agent's networks see a state that is a vector"),
     "scaler": Kind("credit.core.seams:Scaler", ("scaler",), "how a pseudo-reward is scaled and clipped"),
     "tracking": Kind("credit.tracking:Tracking", ("tracking",), "where runs are mirrored"),

@@ -41,6 +41,10 @@ class Component(Stateful, ABC):
     def learn(self, knowledge: Any) -> None:
         """Take what the environment knows, an instance of `knows`; called before `start`, where `knows` is set."""
 
+    def remark(self) -> str:
+        """What a user should know of it before a run, once started; nothing by default."""
+        return ""
+
 
 def ranged(constructor: Callable[..., None]) -> Callable[..., None]:
     """A constructor that refuses what its signature does not allow; the signature stays what it is."""

@@ -102,6 +102,21 @@ class Stack(Stateful):
             self.layers.append(Layer(next(rest), next(rest), *((next(rest), next(rest)) if normal else (None, None))))
         self._transposed = [layer.weight.mT for layer in self.layers]
 
+    @classmethod
+    def drawn(cls, shape: Shape, generators: Sequence[np.random.Generator], device: torch.device) -> Stack:
+        """Networks with first weights, one generator a member."""
+        made = cls(shape, len(generators), torch.zeros(shape.numel(len(generators)), device=device))
+        made.draw(generators)
+        return made
+
+    def another(self, generators: Sequence[np.random.Generator]) -> Stack:
+        """As many of the same shape, with first weights of their own."""
+        return Stack.drawn(self.shape, generators, self.flat.device)
+
+    def passes(self, rows: int) -> Passes:
+        """What trains them, on so many rows of each at a time."""
+        return Passes(self, rows)
+
     def apart(self) -> Stack:
         """Empty memory of its own for every block: all of a flat tensor is copied where compiled code writes a part."""
         return Stack(self.shape, self.members, self.flat, [torch.empty_like(block) for block in self.blocks])
@@ -179,6 +194,15 @@ class Stack(Stateful):
                 delta = self._through_norm(tape, place - 1, delta, gradients)
         return delta
 
+    def member(self, m: int) -> list[Layer]:
+        """The layers of one network without norms: weight [out, in], bias [out]."""
+        return [Layer(layer.weight[m], layer.bias[m, 0], None, None) for layer in self.layers]
+
+    def alone(self, m: int, rows: Tensor) -> Tensor:
+        """The outputs [n] of one network without norms for rows [n, in]."""
+        layers = self.member(m)
+        return output(hidden(rows, layers[:-1]), layers[-1])
+
     def _through_norm(self, tape: Tape, place: int, delta: Tensor, gradients: Stack | None) -> Tensor:
         normal, mean, deviation = tape.normal[place]
         gain = self.layers[place].gain
@@ -190,6 +214,40 @@ class Stack(Stateful):
         scaled, linear, wanted = delta.mul_(gain), tape.linear[place], [True, False, False]
         backward = torch.ops.aten.native_layer_norm_backward
         return backward(scaled, linear, [self.shape.width], mean, deviation, None, None, wanted)[0]
+
+
+class Passes:
+    """Forward and backward passes of networks in buffers of their own.
+
+    Attributes:
+        input: [N, rows, in], for the caller to fill. gradient: by all weights, flat.
+    """
+
+    def __init__(self, networks: Stack, rows: int) -> None:
+        self._networks = networks
+        self._tape = Tape(networks.shape, networks.members, rows, networks.flat.device)
+        self._gradients = Stack(networks.shape, networks.members, torch.zeros_like(networks.flat))
+        self.input, self.gradient = self._tape.input, self._gradients.flat
+
+    def forward(self, masks: Sequence[Tensor] = ()) -> Tensor:
+        """The outputs [N, rows, out]; see `Stack.forward`."""
+        return self._networks.forward(self._tape, masks)
+
+    def backward(self, delta: Tensor) -> None:
+        """Write the gradient, where that by the outputs is delta [N, rows, out]."""
+        self._networks.backward(self._tape, delta, self._gradients)
+
+
+def hidden(rows: Tensor, layers: Sequence[Layer]) -> Tensor:
+    """The last of some hidden layers [n, width] over rows [n, in]."""
+    for layer in layers:
+        rows = torch.addmm(layer.bias, rows, layer.weight.T).relu_()
+    return rows
+
+
+def output(units: Tensor, layer: Layer) -> Tensor:
+    """The output [n] of the last layer over its units [n, width]."""
+    return torch.addmv(layer.bias, units, layer.weight[0])
 
 
 def _views(flat: Tensor, blocks: Sequence[tuple[int, ...]]) -> Iterator[Tensor]:

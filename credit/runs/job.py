@@ -14,6 +14,7 @@ import yaml
 from credit.config import fitting, schema
 from credit.config.identity import identity, namesakes
 from credit.config.kinds import CIRCUMSTANCES, KINDS
+from credit.core.capabilities import parts_of
 from credit.core.errors import Misfit, UserError
 from credit.core.ranges import NonNegative, NonNegativeInt, PositiveInt
 from credit.renamed import translated
@@ -91,8 +92,8 @@ def check(config: Mapping[str, Any]) -> schema.Check:
                 trainer.start(Job.of(config).seeds if config.get("policy_from") else (config["seed"],))
                 starting.given(config, trainer)
                 starting.inherited(config, trainer)
-                remarks = (trainer.env.remark(), trainer.agent.remark(), _dying_pays(trainer))
-                found.remark = "; ".join(filter(None, remarks))
+                remarks = [part.remark() for _, part in parts_of(trainer)]
+                found.remark = "; ".join(filter(None, [*remarks, _dying_pays(trainer)]))
         except Misfit as error:
             found.problems += fitting.said(error, trainer.problem, trainer.env.knowledge())
         except UserError as error:

@@ -24,7 +24,11 @@ from credit.runs import job
 from credit.testing.short import SEEDS, composed, experiments, selection, small
 from credit.trainer import Trainer
 
-SLOTS = {"reward": "reference", "features": "reference"}  # of kinds that have none of their own name
+SLOTS = {
+    "reward": "reference",
+    "features": "reference",
+    "network": "reference",
+}  # of kinds that have none of their own name
 RIDGE = "reward@reference=linear"  # a reference of whatever features
 EPISODES = ("feedback=episode_sum", "feedback.window=null")  # where they have a length of their own
 WAYS: dict[str, tuple[tuple[str, ...], ...]] = {  # what an option may need around it, beside its experiment
@@ -38,6 +42,7 @@ WAYS: dict[str, tuple[tuple[str, ...], ...]] = {  # what an option may need arou
     ),
     "feedback": (("method=disagreement",), ("method=disagreement", "agent.prefer=top"), ("method=random",)),
     "agent": (("method=disagreement",), ("method=reference",), ("method=delayed",)),
+    "network": (("method=reference", "reward@reference=dnn", "uncertainty=ensemble"),),
 }
 LAST: dict[str, tuple[tuple[str, ...], ...]] = {  # what is better than nothing
     "env": (("method=random",), ("method=random", *EPISODES)),
@@ -149,8 +154,8 @@ def _cases(kind: str, name: str, config_of: Callable[[str, tuple[str, ...]], dic
 
 def placed(kind: str, node: Mapping[str, Any], config: Mapping[str, Any]) -> dict[str, Any]:
     """A configuration with a component in the place of another of its kind."""
-    if kind == "features":
-        return {**config, "reference": {**config["reference"], "features": node}}
+    if kind in ("features", "network"):
+        return {**config, "reference": {**config["reference"], kind: node}}
     if kind == "bonus":
         return {**config, "bonus": {"tried": node}}
     return {**config, SLOTS.get(kind, kind): node}

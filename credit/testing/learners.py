@@ -11,6 +11,8 @@ from credit.agents.random import Random
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Agent, CreditAssigner, Encoder, Transition
 from credit.core.windows import Windows
+from credit.networks.modules import Network
+from credit.networks.seeding import seeded
 from credit.testing.cases import Case
 from credit.testing.expect import close, expect, finite, shaped
 
@@ -78,6 +80,27 @@ def encoder(case: Case) -> None:
         expect(torch.equal(states, before), "the states that it was given were changed in place")
         close(part(states[:, :1]), found[:, :1], "a state looks different beside others, or the second time")
         close(part(states[0])[0], found[0], "a state looks different where it is given for all replicas at once")
+
+
+def network(case: Case) -> None:
+    """One answer a row, whatever stands beside it, on float32; weights come from PyTorch's global generator alone."""
+    part: Any = case.built("reference")[0].network
+    expect(isinstance(part, Network), f"{type(part).__name__} is no Network")
+    device, rows = torch.device("cpu"), torch.rand(4, 5, generator=torch.Generator().manual_seed(0))
+    made = []
+    for _ in range(2):
+        with seeded(0, device):
+            made.append(part.make(5, 3, device).eval())
+    found = made[0](rows)
+    shaped(found, (4, 3), "outputs")
+    finite(found, "outputs")
+    _typed(found, torch.float32, "outputs")
+    expect(torch.equal(found, made[1](rows)), "two networks from one seed must have the same weights")
+    close(made[0](rows[:1]), found[:1], "a row has another answer beside others")
+    close(
+        made[0](rows.view(2, 2, 5)), found.view(2, 2, 3), "rows [2, 2, inputs] have other answers than rows [4, inputs]"
+    )
+    expect(any(weight.requires_grad for weight in made[0].parameters()), "there is no weight that could learn")
 
 
 def agent(case: Case) -> None:

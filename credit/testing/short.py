@@ -18,6 +18,10 @@ SMALL: dict[str, dict[str, Any]] = {  # what makes an environment quick: two fre
         | {"partials": 0, "failures": 1, "evaluation_episodes": 2},
     },
 }
+NEEDS: dict[str, tuple[str, ...]] = {  # an option → words for keys that have no value of their own
+    "module": ("reference.network.module=torchrl.modules:MLP",),
+    "convolution": ("reference.network.shape=[1,1,1]", "reference.network.kernel=1"),
+}
 LONGEST = 40  # steps of a window
 
 
@@ -63,8 +67,10 @@ def _less(node: Any) -> Any:
 
 def selection(kind: str, name: str) -> list[str]:
     """The override that puts an option where it is used."""
+    needs = NEEDS.get(name, ())
     return {
         "reward": [f"reward@reference={name}"],
         "features": [f"features@reference.features={name}"],
+        "network": ["reward@reference=dnn", "uncertainty=ensemble", f"+network@reference.network={name}", *needs],
         "bonus": [f"bonus=[{name}]"],
     }.get(kind, [f"{kind}={name}"])

@@ -33,6 +33,7 @@ OF_KIND: dict[str, Check] = {
     "mixer": models.mixer,
     "bonus": models.bonus,
     "encoder": learners.encoder,
+    "network": learners.network,
     "scaler": models.scaler,
     "assigner": learners.assigner,
     "transition": learners.transition,

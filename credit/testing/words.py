@@ -21,8 +21,8 @@ def selected(kind: str, name: str) -> list[str]:
 def nodes(kind: str, name: str) -> dict[str, Any]:
     """Path → configuration of the components that an option makes."""
     config = registry.compose(selected(kind, name))
-    if kind == "features":
-        return {"reference.features": config["reference"]["features"]}
+    if kind in ("features", "network"):
+        return {f"reference.{kind}": config["reference"][kind]}
     return schema.members(config, slot_of(kind))
 
 

@@ -93,6 +93,12 @@ def test_encoders(some: Some, name: str) -> None:
         learners.encoder(case)
 
 
+@pytest.mark.parametrize("name", options("network"))
+def test_networks(some: Some, name: str) -> None:
+    for case in some("network", name):
+        learners.network(case)
+
+
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_environments(experiment: str) -> None:
     config = composed(f"experiment={experiment}")

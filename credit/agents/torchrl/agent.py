@@ -13,7 +13,6 @@ from torch import Tensor
 from credit.agents.seeing import Seeing
 from credit.agents.torchrl.learner import Learner
 from credit.agents.torchrl.memory import Memory
-from credit.agents.torchrl.networks import Activation, Network, Perceptron
 from credit.agents.torchrl.noise import Noise
 from credit.agents.torchrl.policy import Following
 from credit.agents.torchrl.recipes import recipe
@@ -25,6 +24,7 @@ from credit.core.problem import FLOAT, Problem
 from credit.core.ranges import NonNegative, Positive, PositiveInt, Probability
 from credit.core.seams import Agent, CreditAssigner, Encoder
 from credit.core.store import Store
+from credit.networks.modules import Activation, Network, Perceptron
 
 BLOCK = 32  # batches drawn at once
 

@@ -12,14 +12,14 @@ from torch import Tensor, nn
 from torchrl.objectives import SoftUpdate
 
 from credit.agents.torchrl.heads import Head
-from credit.agents.torchrl.networks import Network
 from credit.agents.torchrl.recipes import Recipe
 from credit.agents.torchrl.rows import numbers_seen
-from credit.agents.torchrl.seeding import seeded
 from credit.core.errors import RunError
 from credit.core.problem import FLOAT, Problem
 from credit.core.state import Stateful
 from credit.core.streams import reset_seed
+from credit.networks.modules import Network
+from credit.networks.seeding import seeded
 
 if TYPE_CHECKING:
     from credit.agents.torchrl.agent import TorchRL

@@ -47,10 +47,6 @@ class Agent(Component):
         """One action for every state [R, S], where to look it up is all that `act` does until `improve`; else None."""
         return None
 
-    def remark(self) -> str:
-        """What a user should know of it before a run, once started; nothing by default."""
-        return ""
-
     def diagnostics(self) -> dict[str, Tensor]:
         """What the last improvement came to: name → [R], for the journal; nothing by default."""
         return {}

@@ -196,10 +196,6 @@ class Environment(Component):
         """What to do that it tells a fact which it does not tell now."""
         return f"let its steps give a fact {fact!r}, or choose another feedback"
 
-    def remark(self) -> str:
-        """What a user should know of these settings before a run, once started; nothing by default."""
-        return ""
-
     def digests(self) -> dict[str, list[str]]:
         """What each replica was given beside its configuration: name → digest of the data; nothing by default."""
         return {}

@@ -21,13 +21,15 @@ from credit.core.streams import side_by_side
 from credit.core.tensors import CACHED
 from credit.core.windows import Windows
 from credit.networks.adam import Adam
+from credit.networks.beside import Modules
 from credit.networks.denormals import flushed
-from credit.networks.stack import Shape, Stack, Tape
+from credit.networks.modules import Network
+from credit.networks.stack import Shape, Stack
 from credit.recovery.models.batches import Balance, balanced, every, padding
 from credit.recovery.models.intercepts import Intercepts
 from credit.recovery.models.logistic import check_bits, curvature, require_bits
 from credit.recovery.models.units import Units
-from credit.recovery.uncertainty.networks import NetworkUncertainty, member, whole
+from credit.recovery.uncertainty.networks import NetworkUncertainty
 
 MOST = 64  # steps of a window that are fitted, where nobody says how many
 TINY = 1e-6  # a feature with a smaller deviation is a constant, and is not scaled
@@ -45,6 +47,8 @@ class NeuralModel(RewardModel):
         features: the feature map φ.
         uncertainty: what is trained, and how it predicts: mean and variance.
         width: of the hidden layers. depth: how many there are.
+        network: what makes other networks than perceptrons, of which neither width nor depth then speaks; they learn by
+            autograd, and uncertainty=ensemble alone takes them.
         sparsity: λ, on the sum of |r̃| over a trajectory.
         first_steps: gradient steps of the first fit. steps: of each later one.
         batch: B, trajectories a gradient step. stride: one step in so many is fitted, and stands for the others; None:
@@ -76,6 +80,7 @@ class NeuralModel(RewardModel):
         balance: Balance = "auto",
         standardise: bool = False,
         likelihood: Likelihood = "gaussian",
+        network: Network | None = None,
     ) -> None:
         self.name = name
         self.features = features
@@ -88,6 +93,7 @@ class NeuralModel(RewardModel):
         self.balance = balance
         self.standardise = standardise
         self.likelihood = likelihood
+        self.network = network
 
     @property
     def looks_at(self) -> Collection[Axis]:  # type: ignore[override]
@@ -106,24 +112,30 @@ class NeuralModel(RewardModel):
         self._problem, self._device, self._places = problem, problem.device, places
         self.features.start(problem)
         self._look = places.look(self.features)
-        shape = Shape(self.features(problem.blank()).shape[-1], 1, self.width, self.depth)
-        members = self.uncertainty.members
+        inputs, members = self.features(problem.blank()).shape[-1], self.uncertainty.members
         self._owner = torch.arange(problem.replicas, device=problem.device).repeat_interleave(members)
-        size = shape.numel(len(self._owner))
-        self.networks, self._gradient = (
-            Stack(shape, len(self._owner), torch.zeros(size, device=problem.device)) for _ in range(2)
-        )
-        self.networks.draw(side_by_side(problem.seeds, f"{self.name}/weights", members))
+        weights = side_by_side(problem.seeds, f"{self.name}/weights", members)
+        self.networks: Stack | Modules
+        if self.network is None:
+            self.networks = Stack.drawn(Shape(inputs, 1, self.width, self.depth), weights, problem.device)
+        else:
+            self.networks = Modules(self.network, inputs, weights, problem.device)
         self._batches = side_by_side(problem.seeds, f"{self.name}/batches", members)
-        self._adam = Adam(self.networks.flat, self._gradient.flat, self.learning_rate)
         self._stride = self.stride or max(1, problem.window // MOST)
-        self._tape = Tape(shape, len(self._owner), self.batch * padding(self._stride, problem.window), problem.device)
+        self._passes = self.networks.passes(self.batch * padding(self._stride, problem.window))
+        self._adam = Adam(self.networks.flat, self._passes.gradient, self.learning_rate)
         self._units = Units(problem, self.standardise and not logistic)
         self._odds = Intercepts(len(self._owner), self.learning_rate, problem.device) if logistic else None
         self._posterior = self.uncertainty.posterior(self.networks, problem, self.name)
-        self._mean = torch.zeros(problem.replicas, shape.inputs, device=problem.device)
+        self._mean = torch.zeros(problem.replicas, inputs, device=problem.device)
         self._scale = torch.ones_like(self._mean)
         self._fits = 0
+
+    def remark(self) -> str:
+        """Whether networks learn one after the other."""
+        if isinstance(self.networks, Modules) and self.networks.loops:
+            return f"{self.name}.network: torch.func does not carry this module, and networks learn one after the other"
+        return ""
 
     def _names(self) -> tuple[str, ...]:
         return (*super()._names(), *(() if self._odds is None else ("_odds",)))
@@ -210,11 +222,11 @@ class NeuralModel(RewardModel):
         offset = self._posterior.offset(rows.view(members, -1, size))
         rows, shares, labels = rows.view(-1, steps * size), shares.view(-1, steps), labels.flatten()
         offset = None if offset is None else offset.reshape(-1, steps)
-        tape, networks = self._tape, self.networks
+        passes = self._passes
         for batch in drawn:
             chosen = batch.flatten()
-            torch.index_select(rows, 0, chosen, out=tape.input.view(-1, steps * size))
-            outputs = networks.forward(tape, self._posterior.masks(tape.input.shape[1])).view(-1, steps)
+            torch.index_select(rows, 0, chosen, out=passes.input.view(-1, steps * size))
+            outputs = passes.forward(self._posterior.masks(passes.input.shape[1])).view(-1, steps)
             if offset is not None:
                 outputs = outputs + offset[chosen]
             if self._odds is None:
@@ -224,14 +236,14 @@ class NeuralModel(RewardModel):
                     outputs, shares[chosen], labels[chosen], self._odds.of(chosen // trajectories), self.sparsity
                 )
                 self._odds.step(by_odds.view(members, -1).mean(1))
-            networks.backward(tape, delta.div_(self.batch).view(members, -1, 1), self._gradient)
+            passes.backward(delta.div_(self.batch).view(members, -1, 1))
             self._adam.step()
 
     def _curvature(self, rows: Tensor, shares: Tensor) -> Tensor | None:
         """Of each window's likelihood by its log-odds [M, K]; None where labels are Gaussian."""
         if self._odds is None:
             return None
-        outputs = torch.stack([whole(own.flatten(0, 1), member(self.networks, m)) for m, own in enumerate(rows)])
+        outputs = torch.stack([self.networks.alone(m, own.flatten(0, 1)) for m, own in enumerate(rows)])
         if (offset := self._posterior.offset(rows.flatten(1, 2))) is not None:
             outputs = outputs + offset
         return curvature((outputs.view(shares.shape) * shares).sum(-1) + self._odds.values.unsqueeze(-1))

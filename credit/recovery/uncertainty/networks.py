@@ -11,14 +11,17 @@ import torch
 from annotated_types import Interval
 from torch import Tensor
 
+from credit.core.errors import UserError
 from credit.core.problem import Problem
 from credit.core.ranges import Positive
 from credit.core.seams import Uncertainty
 from credit.core.state import Stateful
 from credit.core.streams import generators, side_by_side
-from credit.networks.stack import Layer, Stack
+from credit.networks.beside import Modules
+from credit.networks.stack import Layer, Stack, hidden, output
 
 Predictor = Callable[[Tensor], tuple[Tensor, Tensor]]
+Networks = Stack | Modules
 LEVELS = 2**16  # of a random number that decides whether a unit is kept: two bytes are drawn twice as fast as a float
 
 
@@ -60,8 +63,12 @@ class NetworkUncertainty(Uncertainty):
     members: int = 1
 
     @abstractmethod
-    def posterior(self, networks: Stack, problem: Problem, name: str) -> Posterior:
-        """The posterior of a model of some name, on its R·E networks."""
+    def posterior(self, networks: Networks, problem: Problem, name: str) -> Posterior:
+        """The posterior of a model of some name, on its R·E networks.
+
+        Raises:
+            UserError: it looks into perceptrons, and these are other modules.
+        """
 
 
 class Dropout(NetworkUncertainty):
@@ -83,9 +90,9 @@ class Dropout(NetworkUncertainty):
     ) -> None:
         self.passes, self.rate = passes, rate
 
-    def posterior(self, networks: Stack, problem: Problem, name: str) -> Posterior:
+    def posterior(self, networks: Networks, problem: Problem, name: str) -> Posterior:
         """Thinned networks of a model."""
-        return Thinned(networks, problem, name, self.passes, self.rate)
+        return Thinned(perceptrons(networks, name, "dropout"), problem, name, self.passes, self.rate)
 
 
 class Ensemble(NetworkUncertainty):
@@ -102,7 +109,7 @@ class Ensemble(NetworkUncertainty):
     def __init__(self, members: Annotated[int, Interval(ge=2)] = 5, prior_scale: Positive = 3.0) -> None:
         self.members, self.prior_scale = members, prior_scale
 
-    def posterior(self, networks: Stack, problem: Problem, name: str) -> Posterior:
+    def posterior(self, networks: Networks, problem: Problem, name: str) -> Posterior:
         """Networks with prior functions."""
         return WithPriors(networks, problem, name, self.members, self.prior_scale)
 
@@ -121,9 +128,9 @@ class LastLayer(NetworkUncertainty):
     def __init__(self, noise: Positive = 0.3, prior_variance: Positive = 1.0) -> None:
         self.noise, self.prior_variance = noise, prior_variance
 
-    def posterior(self, networks: Stack, problem: Problem, name: str) -> Posterior:
+    def posterior(self, networks: Networks, problem: Problem, name: str) -> Posterior:
         """Last layers of a model's networks."""
-        return LastLayers(networks, self.noise, self.prior_variance)
+        return LastLayers(perceptrons(networks, name, "last_layer"), self.noise, self.prior_variance)
 
 
 class Thinned(Posterior):
@@ -149,7 +156,7 @@ class Thinned(Posterior):
 
     def predictor(self, replica: int) -> Predictor:
         """Mean and variance over thinned networks, which share the work of the first layer."""
-        layers = member(self._networks, replica)
+        layers = self._networks.member(replica)
         passes = [
             [Layer(layer.weight * mask, *layer[1:]) for layer, mask in zip(layers[1:], masks, strict=True)]
             for masks in self._kept[replica]
@@ -173,10 +180,9 @@ class WithPriors(Posterior):
 
     keeps: ClassVar = ()
 
-    def __init__(self, networks: Stack, problem: Problem, name: str, members: int, scale: float) -> None:
+    def __init__(self, networks: Networks, problem: Problem, name: str, members: int, scale: float) -> None:
         self._networks, self._members, self._scale = networks, members, scale
-        self._priors = Stack(networks.shape, networks.members, torch.zeros_like(networks.flat))
-        self._priors.draw(side_by_side(problem.seeds, f"{name}/prior", members))
+        self._priors = networks.another(side_by_side(problem.seeds, f"{name}/prior", members))
 
     def offset(self, inputs: Tensor) -> Tensor:
         """The prior functions [M, rows]."""
@@ -187,12 +193,12 @@ class WithPriors(Posterior):
         own = range(replica * self._members, (replica + 1) * self._members)
 
         def predict(rows: Tensor) -> tuple[Tensor, Tensor]:
-            return moments(torch.stack([whole(rows, member(self._networks, m)) + self._prior(m, rows) for m in own]))
+            return moments(torch.stack([self._networks.alone(m, rows) + self._prior(m, rows) for m in own]))
 
         return predict
 
     def _prior(self, m: int, rows: Tensor) -> Tensor:
-        return self._scale * whole(rows, member(self._priors, m))
+        return self._scale * self._priors.alone(m, rows)
 
 
 class LastLayers(Posterior):
@@ -209,7 +215,7 @@ class LastLayers(Posterior):
     def fitted(self, inputs: Tensor, shares: Tensor, curvature: Tensor | None = None) -> None:
         """Σ⁻¹ from the summed units of all trajectories; of bits by Laplace's approximation, in which no σ appears."""
         for m, (rows, share) in enumerate(zip(inputs, shares, strict=True)):
-            units = _with_one(hidden(rows.flatten(0, 1), member(self._networks, m)[:-1])).view(*share.shape, -1)
+            units = _with_one(hidden(rows.flatten(0, 1), self._networks.member(m)[:-1])).view(*share.shape, -1)
             sums = (units * share.unsqueeze(-1)).sum(1).double()
             eye = torch.eye(sums.shape[1], dtype=sums.dtype, device=sums.device)
             if curvature is None:
@@ -219,7 +225,7 @@ class LastLayers(Posterior):
 
     def predictor(self, replica: int) -> Predictor:
         """The network's output, and φᵀΣφ = |L⁻¹φ|² where LLᵀ = Σ⁻¹."""
-        layers = member(self._networks, replica)
+        layers = self._networks.member(replica)
         factor = torch.linalg.cholesky(self._precision[replica])
         eye = torch.eye(len(factor), dtype=factor.dtype, device=factor.device)
         inverse = torch.linalg.solve_triangular(factor, eye, upper=False).T.float()
@@ -231,26 +237,18 @@ class LastLayers(Posterior):
         return predict
 
 
-def member(networks: Stack, m: int) -> list[Layer]:
-    """The layers of one network: weight [out, in], bias [out]."""
-    return [Layer(layer.weight[m], layer.bias[m, 0], None, None) for layer in networks.layers]
+def perceptrons(networks: Networks, name: str, option: str) -> Stack:
+    """The networks of a model, if they are perceptrons.
 
-
-def hidden(rows: Tensor, layers: Sequence[Layer]) -> Tensor:
-    """The last of some hidden layers [n, width] over rows [n, in]."""
-    for layer in layers:
-        rows = torch.addmm(layer.bias, rows, layer.weight.T).relu_()
-    return rows
-
-
-def output(units: Tensor, layer: Layer) -> Tensor:
-    """The output [n] of the last layer over its units [n, width]."""
-    return torch.addmv(layer.bias, units, layer.weight[0])
-
-
-def whole(rows: Tensor, layers: Sequence[Layer]) -> Tensor:
-    """Outputs [n] of a network for rows [n, d]."""
-    return output(hidden(rows, layers[:-1]), layers[-1])
+    Raises:
+        UserError: they are not.
+    """
+    if isinstance(networks, Stack):
+        return networks
+    raise UserError(
+        f"uncertainty={option} looks into perceptrons, and reward model {name!r} has a network of its own; "
+        "take uncertainty=ensemble, which asks networks for their outputs alone, or leave its network out"
+    )
 
 
 def moments(values: Tensor) -> tuple[Tensor, Tensor]:

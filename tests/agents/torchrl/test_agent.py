@@ -10,12 +10,12 @@ import torch
 from torch import nn
 
 from credit.agents.torchrl.agent import TorchRL
-from credit.agents.torchrl.networks import Network, Perceptron
 from credit.config import schema
 from credit.core.errors import RunError, UserError
 from credit.core.problem import FLOAT, Problem
 from credit.core.store import Store
 from credit.core.windows import Episode, Windows
+from credit.networks.modules import Network, Perceptron
 from credit.rivals.rules import Delayed
 from credit.runs.checkpoint import only_data
 
@@ -235,7 +235,7 @@ def test_networks_of_ones_own(keys: dict[str, Any], actions: str) -> None:
 
 
 def test_a_network_is_named_in_yaml(composed: Callable[..., dict[str, Any]]) -> None:
-    named = ("agent.network._target_=credit.agents.torchrl.networks.Perceptron", "agent.network.hidden=[7]")
+    named = ("agent.network._target_=credit.networks.modules.Perceptron", "agent.network.hidden=[7]")
     config = composed("experiment=sepsis", "method=delayed", "agent=ppo", *(f"+{text}" for text in named))
     network = schema.build(config, "agent").network
     assert isinstance(network, Perceptron)

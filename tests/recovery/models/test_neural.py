@@ -12,11 +12,12 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from credit.core.belief import Estimate
-from credit.core.errors import RunError
+from credit.core.errors import RunError, UserError
 from credit.core.problem import Problem
 from credit.core.steps import Steps
 from credit.core.streams import generators
 from credit.core.windows import Windows
+from credit.networks.modules import Module, Perceptron
 from credit.networks.stack import Stack
 from credit.recovery.features.motion import Motion
 from credit.recovery.models.batches import balanced, every, padding
@@ -377,3 +378,39 @@ def test_batches_hold_no_window_without_a_label(balance: Any) -> None:
     drawn = balanced(torch.where(labelled, labels, 0), torch.rand(3, 40, 6, generator=generator), balance, labelled)
     for own, known in zip(drawn, labelled, strict=True):
         assert set(own.flatten().tolist()) == set(known.nonzero().flatten().tolist())
+
+
+def test_a_network_of_ones_own_is_fitted_as_perceptrons_are(make_walks: MakeWalks) -> None:
+    problem, walks = make_walks((4, 5), 12)
+    plain = started(problem, Ensemble(2), depth=1)
+    other = started(problem, Ensemble(2), network=Perceptron((16,), "relu"))
+    for to, of in ((other.networks, plain.networks), (other._posterior._priors, plain._posterior._priors)):  # type: ignore[attr-defined]
+        states = [of.state(m) for m in range(4)]  # type: ignore[union-attr]
+        for view, name in zip(to.blocks, states[0], strict=True):
+            view.copy_(torch.stack([state[name] for state in states]))
+    for made in (plain, other):
+        made.fit(made.features(walks), walks)
+    for one, same in zip(believed(plain, walks), believed(other, walks), strict=True):
+        torch.testing.assert_close(same.mean, one.mean, rtol=1e-3, atol=1e-6)
+        torch.testing.assert_close(same.variance, one.variance, rtol=1e-3, atol=1e-8)
+
+
+@pytest.mark.parametrize("likelihood", ["gaussian", "logistic"])
+def test_a_network_of_ones_own_goes_on_from_its_state(make_walks: MakeWalks, likelihood: Any) -> None:
+    problem, walks = make_walks((4,), 9)
+    walks = replace(walks, labels=(walks.labels > walks.labels.median()).double())
+    keys: dict[str, Any] = {"network": Module("torchrl.modules:MLP", {"num_cells": [8]}), "likelihood": likelihood}
+    one, other = (started(problem, Ensemble(2), **keys) for _ in range(2))
+    inputs = one.features(walks)
+    one.fit(inputs, walks)
+    other.load_state_dict(one.state_dict())
+    for made in (one, other):
+        made.fit(inputs, walks)
+    assert torch.equal(believed(one, walks)[0].mean, believed(other, walks)[0].mean)
+
+
+@pytest.mark.parametrize("uncertainty", [Dropout(), LastLayer()])
+def test_who_looks_into_perceptrons_refuses_others(make_walks: MakeWalks, uncertainty: NetworkUncertainty) -> None:
+    problem, _ = make_walks((4,), 2)
+    with pytest.raises(UserError, match=r"uncertainty=\w+ looks into perceptrons.*'dnn'.*take uncertainty=ensemble"):
+        started(problem, uncertainty, network=Perceptron())

@@ -9,9 +9,9 @@ import torch
 from torch import Tensor, nn
 from torchrl.modules import MLP, ConvNet
 
-from credit.agents.torchrl.networks import ACTIVATIONS, Activation, Network
 from credit.core.errors import UserError
 from credit.core.ranges import NonNegativeInt, Positive, PositiveInt
+from credit.networks.modules import ACTIVATIONS, Activation, Network
 
 
 class Convolution(Network):
@@ -43,7 +43,7 @@ class Convolution(Network):
         activation: Activation = "relu",
     ) -> None:
         if len(shape) != 3:
-            raise UserError(f"agent.network.shape={list(shape)}: an image has three: [height, width, channels]")
+            raise UserError(f"network.shape={list(shape)}: an image has three: [height, width, channels]")
         self.shape, self.first, self.divide = tuple(shape), first, divide
         self.channels, self.kernel, self.stride = tuple(channels), kernel, stride
         self.hidden, self.activation = tuple(hidden), activation
@@ -52,7 +52,7 @@ class Convolution(Network):
         """With PyTorch's initial weights."""
         if self.first + prod(self.shape) > inputs:
             raise UserError(
-                f"agent.network.shape={list(self.shape)}: an image of {prod(self.shape)} numbers from number "
+                f"network.shape={list(self.shape)}: an image of {prod(self.shape)} numbers from number "
                 f"{self.first} on, and networks see {inputs}; give the shape of the environment's image, height first"
             )
         kind = ACTIVATIONS[self.activation]
@@ -76,7 +76,7 @@ class Convolution(Network):
         for layer in range(len(self.channels)):
             if min(height, width) < self.kernel:
                 raise UserError(
-                    f"agent.network.kernel={self.kernel}: convolution {layer + 1} of {len(self.channels)} sees an "
+                    f"network.kernel={self.kernel}: convolution {layer + 1} of {len(self.channels)} sees an "
                     f"image of {height}×{width}, which is smaller; take a smaller kernel or stride, or fewer channels"
                 )
             height, width = ((size - self.kernel) // self.stride + 1 for size in (height, width))

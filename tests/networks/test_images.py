@@ -10,18 +10,18 @@ import torch
 from torch import nn
 
 from credit.agents.dqn import DQN
-from credit.agents.torchrl.images import Convolution
-from credit.agents.torchrl.networks import Module
 from credit.config import registry, schema
 from credit.core.errors import UserError
+from credit.networks.images import Convolution
+from credit.networks.modules import Module
 from credit.testing.runs import goes_on
 
 CPU = torch.device("cpu")
 GRID = (
     *("env=gymnasium", "env.id=MiniGrid-Empty-5x5-v0", "env.wrappers=[minigrid.wrappers:ImgObsWrapper]"),
     *("method=delayed", "tracking=none"),
-    *("+agent.network._target_=credit.agents.torchrl.images.Convolution", "+agent.network.shape=[7,7,3]"),
-    *("+agent.network.channels=[4,4]", "+agent.network.hidden=[8]"),
+    *("+network@agent.network=convolution", "agent.network.shape=[7,7,3]"),
+    *("agent.network.channels=[4,4]", "agent.network.hidden=[8]"),
 )
 AGENTS = {"ppo": ("agent=ppo", "agent.epochs=1"), "dqn": ("agent=dqn", "agent.batch=8")}
 
