@@ -59,8 +59,12 @@ def run(say: Callable[[str], None] = lambda line: None) -> list[Row]:
         figure = f"{len(found.different)} ({found.kills}, {found.writing})"
         what = f"{name}: files that differ after kills (how many, how many of them while a checkpoint was written)"
         rows.append(Row(what, figure, "0", not found.different and found.kills >= KILLS))
+        say(f"{rows[-1].what}: {figure}")
     say("a sweep")
-    return [*rows, *swept(), *reliability_tracking.run(say)]
+    rows += swept()
+    for row in rows[len(RUNS) :]:
+        say(f"{row.what}: {row.figure}")
+    return [*rows, *reliability_tracking.run(say)]
 
 
 def swept(jobs: int = 40, kills: int = 5) -> list[Row]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import json
 import math
 import os
@@ -141,6 +142,8 @@ def throughput(folder: Path, processes: list[subprocess.Popen[str]]) -> list[Row
     rows = [_throughput("SQLite", processes, output, f"sqlite:///{output / 'mlflow.db'}")]
     if postgresql_programs() is None:
         return [*rows, Row("values a second, PostgreSQL", "not installed: apt-get install postgresql")]
+    if importlib.util.find_spec("psycopg") is None:
+        return [*rows, Row("values a second, PostgreSQL", "psycopg is not installed: pip install 'credit-rl[server]'")]
     database, output = folder / "postgresql", folder / "server"
     database.mkdir()
     output.mkdir()

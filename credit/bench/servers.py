@@ -52,12 +52,13 @@ class Server:
                 command, env=os.environ | quiet, stdout=log, stderr=log, start_new_session=True
             )
         end = time.monotonic() + START_SECONDS
-        while time.monotonic() < end:
+        while time.monotonic() < end and self._process.poll() is None:
             with suppress(OSError), urllib.request.urlopen(f"{self.uri}/health", timeout=10):
                 return
             time.sleep(0.2)
         self.stop()
-        raise RuntimeError(f"mlflow server did not start; see {self.folder / 'server.log'}")
+        said = (self.folder / "server.log").read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        raise RuntimeError(f"mlflow server did not start on {self.store}: {said[-1] if said else 'it said nothing'}")
 
     def stop(self) -> None:
         """Stop it with its workers."""

@@ -40,8 +40,8 @@ def _hint(key: str, problem: Problem, knowledge: Any, config_dirs: Sequence[str]
     found = [
         name
         for name in files.options(kind, config_dirs)
-        if (cls := schema.of_option(kind, name, config_dirs)) is not None
-        and not misfits(cls, problem)
-        and (cls.knows is None or isinstance(knowledge, cls.knows))
+        if (made := schema.made_option(kind, name, config_dirs)) is not None
+        and not misfits(made, problem)
+        and (made.knows is None or isinstance(knowledge, made.knows))
     ]
     return f" ({kind}=… that goes with it: {', '.join(found)})" if found else ""

@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import typing
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import entry_points
 from typing import Any
@@ -260,16 +261,32 @@ def resolve(path: str, node: Mapping[str, Any]) -> type[Component]:
 
 def of_option(kind: str, name: str, config_dirs: Sequence[str] = ()) -> type[Component] | None:
     """The class of an option, as its file says it or the one that it starts from; None where they do not say it."""
-    options, node = files.options(kind, config_dirs), dict[str, Any]()
-    try:
+    node = node_of_option(kind, name, config_dirs)
+    with suppress(UserError):
+        return resolve(f"{kind}={name}", node) if is_component(node) else None
+    return None
+
+
+def made_option(kind: str, name: str, config_dirs: Sequence[str] = ()) -> type[Component] | Component | None:
+    """What an option makes by itself; its class, where it needs others for that."""
+    cls = of_option(kind, name, config_dirs)
+    with suppress(UserError):
+        made: Component = build({kind: node_of_option(kind, name, config_dirs)}, kind)
+        return made
+    return cls
+
+
+def node_of_option(kind: str, name: str, config_dirs: Sequence[str] = ()) -> dict[str, Any]:
+    """The keys of an option's file and of those that it starts from; empty where they cannot be told."""
+    options, found = files.options(kind, config_dirs), dict[str, Any]()
+    with suppress(UserError, LookupError, ValueError):
         for _ in options:  # no chain is longer
             node = files.read(options[name])
+            found = {key: value for key, value in node.items() if key != "defaults"} | found
             if is_component(node):
-                return resolve(f"{kind}={name}", node)
+                return found
             *_, name = files.bases(kind, node)
-    except (UserError, LookupError, ValueError):
-        pass
-    return None
+    return {}
 
 
 @cache

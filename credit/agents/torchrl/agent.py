@@ -15,10 +15,11 @@ from credit.agents.torchrl.learner import Learner
 from credit.agents.torchrl.memory import Memory
 from credit.agents.torchrl.noise import Noise
 from credit.agents.torchrl.policy import Following
-from credit.agents.torchrl.recipes import recipe
+from credit.agents.torchrl.recipes import RECIPES, recipe
 from credit.agents.torchrl.rounds import judged, minibatches
 from credit.agents.torchrl.rows import drawn, newest, numbers_seen
 from credit.core.checks import check_rewards
+from credit.core.component import Kind
 from credit.core.policy import Policy
 from credit.core.problem import FLOAT, Problem
 from credit.core.ranges import NonNegative, Positive, PositiveInt, Probability
@@ -107,6 +108,11 @@ class TorchRL(Seeing, Agent):
         self.noise, self.target_noise, self.target_noise_clip = noise, target_noise, target_noise_clip
         self.temperature, self.target_entropy = temperature, target_entropy
         self.encoder = encoder
+
+    @property
+    def actions(self) -> Kind:  # type: ignore[override]
+        """Those that the loss takes."""
+        return RECIPES[self.loss].actions
 
     @property
     def newest(self) -> bool:

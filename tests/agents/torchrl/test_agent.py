@@ -195,7 +195,7 @@ def test_actions_that_a_loss_does_not_take_are_refused_at_the_start(loss: Any, a
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        (("agent=td3",), ["agent.loss='td3'", "agent.loss=ppo"]),
+        (("agent=td3",), ["TorchRL needs actions that are vectors", "goes with it: ", "discrete_sac, dqn"]),
         (("agent=torchrl", "agent.loss=a2c"), ["agent.loss='a2c'", "ppo, td3, discrete_sac"]),
         (("agent=ppo", "agent.clip=1.5"), ["agent.clip=1.5", "< 1"]),
         (("agent=ppo", "agent.activation=swish"), ["agent.activation='swish'", "relu, tanh"]),
@@ -207,6 +207,13 @@ def test_bad_input(composed: Callable[..., dict[str, Any]], overrides: tuple[str
     with pytest.raises(UserError) as refused:
         composed("experiment=sepsis", "method=delayed", *overrides)
     assert all(word in str(refused.value) for word in words)
+
+
+def test_a_loss_that_does_not_fit_is_not_advised(composed: Callable[..., dict[str, Any]]) -> None:
+    with pytest.raises(UserError) as refused:
+        composed("env=gymnasium", "env.id=Pendulum-v1", "method=delayed", "agent=dqn")
+    assert "ppo, random, sac" in str(refused.value)
+    assert "discrete_sac" not in str(refused.value)
 
 
 @each
