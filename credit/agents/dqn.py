@@ -60,6 +60,7 @@ class DQN(Seeing, Agent):
         dueling: whether Q is V + A − mean A, with a stream of its own for each behind the last but one hidden layer.
         encoder: how the network sees a vector; None for as it is.
         network: what makes the network; None for a perceptron of `hidden` layers.
+        gradient_clip: largest norm of a gradient; None for any.
 
     Raises:
         UserError: ε would rise; there are features and an encoder, or a network that is to be dueling.
@@ -92,6 +93,7 @@ class DQN(Seeing, Agent):
         dueling: bool = False,
         encoder: Encoder | None = None,
         network: Network | None = None,
+        gradient_clip: Positive | None = None,
     ) -> None:
         if dueling and network is not None:
             raise UserError(
@@ -129,6 +131,7 @@ class DQN(Seeing, Agent):
         self.dueling = dueling
         self.encoder = encoder
         self.network = network
+        self.gradient_clip = gradient_clip
 
     def start(self, problem: Problem) -> None:
         """Random networks, nothing to replay.
@@ -229,6 +232,8 @@ class DQN(Seeing, Agent):
         error = LOSSES[self.loss](values, goal, reduction="none").mean(1).sum()
         self._adam.zero_grad()
         error.backward()
+        if self.gradient_clip is not None:
+            clip_each(list(self._online.parameters()), self.gradient_clip)
         self._adam.step()
         self._updates += 1
         if self._updates % self.target_sync == 0:
@@ -240,6 +245,19 @@ class DQN(Seeing, Agent):
         values = self._target(inputs)
         choice = (self._online(inputs) if self.double else values).argmax(-1, keepdim=True)
         return values.gather(-1, choice).squeeze(-1)
+
+
+def clip_each(weights: Sequence[Tensor], norm: float) -> None:
+    """Shorten the gradient of each replica to a norm, if it is longer, as `torch.nn.utils.clip_grad_norm_` does.
+
+    Args:
+        weights: of all replicas, each [R, …]; their gradients are changed in place.
+    """
+    gradients = [weight.grad for weight in weights if weight.grad is not None]
+    length = torch.stack([gradient.flatten(1).square().sum(1) for gradient in gradients]).sum(0).sqrt()
+    factor = (norm / (length + 1e-6)).clamp(max=1)
+    for gradient in gradients:
+        gradient.mul_(factor.view(-1, *[1] * (gradient.dim() - 1)))
 
 
 def targets(

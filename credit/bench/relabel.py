@@ -77,10 +77,10 @@ def measured(key: Relabel, updates: int) -> tuple[float, float, float, int]:
     return sum(taken), taken[-1], sum(ages) / len(ages), most
 
 
-def windows(seed: int) -> Windows:
-    """A round of steps in two windows."""
+def windows(seed: int, steps: int = STEPS) -> Windows:
+    """A round of steps in windows of the horizon."""
     generator = torch.Generator().manual_seed(seed)
-    shape = (1, STEPS // HORIZON, HORIZON)
+    shape = (1, steps // HORIZON, HORIZON)
     states = torch.randn(*shape, OBSERVATIONS, generator=generator)
     actions = torch.rand(*shape, ACTIONS, generator=generator) * 2 - 1
     return Windows.of_grid(states, actions, states, torch.randn(shape[:2], generator=generator).double())

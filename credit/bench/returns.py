@@ -138,7 +138,7 @@ def peer(config: Mapping[str, Any], env: Any, seed: int) -> Any:
             exploration_fraction=agent["epsilon_steps"] / trainer["steps"],
             exploration_initial_eps=agent["epsilon"],
             exploration_final_eps=agent["epsilon_floor"],
-            max_grad_norm=float("inf"),
+            max_grad_norm=agent["gradient_clip"] or float("inf"),
             policy_kwargs={"net_arch": list(agent["hidden"])},
         )
     return SAC(

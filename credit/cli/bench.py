@@ -19,6 +19,7 @@ BENCHES = {
     "relabel": "relabelling all rows, a share, or what is sampled after every refit: time, age of rewards",
     "reliability": "runs and a sweep that are killed and gone on with; what tracking bears, and costs",
     "sepsis": "the solver for thousands of unknown rewards: time, growth, against a dense solve, memory",
+    "train": "whole runs of SAC with recovered rewards against Stable-Baselines3: time and its parts, memory",
     "returns": "returns of SAC and DQN on true rewards against Stable-Baselines3's: hours, and only by name",
 }
 LONG = {"returns"}

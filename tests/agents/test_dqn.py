@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from credit.agents.dqn import DQN, targets
+from credit.agents.dqn import DQN, clip_each, targets
 from credit.core.errors import UserError
 from credit.core.policy import TablePolicy, tabulate
 from credit.core.problem import FLOAT, Problem
@@ -465,6 +465,23 @@ def test_bad_input(composed: Callable[..., dict[str, Any]], override: str, words
         composed("experiment=sepsis", "method=delayed", "agent=dqn", *override.split())
     assert all(word in str(refused.value) for word in words)
     assert "\n" not in str(refused.value)
+
+
+def test_the_gradient_of_each_replica_is_clipped_by_itself() -> None:
+    generator = torch.Generator().manual_seed(0)
+    weights = [torch.nn.Parameter(torch.zeros(3, *shape)) for shape in ((2, 4), (1, 4))]
+    for weight in weights:
+        weight.grad = torch.randn(weight.shape, generator=generator) * torch.tensor([0.01, 1.0, 100.0]).view(3, 1, 1)
+    expected = []
+    for replica in range(3):
+        own = [torch.nn.Parameter(torch.zeros(weight.shape[1:])) for weight in weights]
+        for one, weight in zip(own, weights, strict=True):
+            one.grad = weight.grad[replica].clone()  # type: ignore[index]
+        torch.nn.utils.clip_grad_norm_(own, 1.0)
+        expected.append([one.grad for one in own])
+    clip_each(weights, 1.0)
+    for replica in range(3):
+        torch.testing.assert_close([weight.grad[replica] for weight in weights], expected[replica])  # type: ignore[index]
 
 
 @pytest.mark.parametrize("timed", [True, False])
