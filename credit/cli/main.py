@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import importlib
-import os
 import sys
 from collections.abc import Sequence
 
+from credit.cli.output import surviving
 from credit.core.errors import UserError, nearest
 from credit.core.version import __version__
 
@@ -33,7 +33,12 @@ examples
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; 0 is success, 1 a failed run, 2 a request that cannot be met, 130 an interruption."""
-    words = list(sys.argv[1:] if argv is None else argv)
+    with surviving():
+        return dispatched(list(sys.argv[1:] if argv is None else argv))
+
+
+def dispatched(words: list[str]) -> int:
+    """Run the command that some words begin with."""
     if not words or words[0] in ("-h", "--help", "help"):
         print(usage())
         return 0
@@ -60,9 +65,6 @@ def guarded(command: str, words: Sequence[str]) -> int:
     except KeyboardInterrupt:
         print(f"credit {command}: interrupted", file=sys.stderr)
         return 130
-    except BrokenPipeError:  # the reader of our output went away: `credit list | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141
     except OSError as error:
         print(f"credit {command}: {error}", file=sys.stderr)
         return 1

@@ -138,7 +138,7 @@ def launch(
         if not left or board.stopped():
             break
         task = Task(Path.cwd(), session.output, session.id, left, Parent())
-        place = [f"session={session.id}", f"output='{session.output}'"]
+        place = {"session": session.id, "output": str(session.output)}
         try:
             errors = launchers.launch(task, len(left), launcher, place, config_dirs)
         except Exception as error:  # whatever a launcher may raise when a worker or a node dies

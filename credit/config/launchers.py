@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 import os
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from hydra.core.global_hydra import GlobalHydra
@@ -55,29 +56,45 @@ def choose(overrides: Sequence[str], jobs: int, gpu: bool, config_dirs: Sequence
 
 
 def launch(
-    task: Callable[[Any], None], jobs: int, launcher: Sequence[str], place: Sequence[str], config_dirs: Sequence[str]
+    task: Callable[[Any], None],
+    jobs: int,
+    launcher: Sequence[str],
+    place: Mapping[str, str],
+    config_dirs: Sequence[str],
 ) -> dict[int, str]:
     """Hand jobs to Hydra's launcher and wait for them.
 
     Args:
         task: called once a job, in any process; `job_number` tells which job it is, and the task knows the rest.
-        jobs: how many. launcher: what `choose` returned. place: the overrides that say where their session lies.
+        jobs: how many. launcher: what `choose` returned. place: key → value, where their session lies.
         config_dirs: folders of YAML files.
 
     Returns:
         Number of the job → what the task raised; it is meant to raise nothing.
     """
+    words = [f"{key}={quoted(value)}" for key, value in place.items()]
     os.environ.setdefault("RAY_AUTH_MODE", "token")  # a Ray that anybody may join runs anybody's code
     with registry.composing(config_dirs=config_dirs):
         state = GlobalHydra.instance()
         config = state.hydra.compose_config(
-            CONFIG_NAME, [*launcher, *place], run_mode=RunMode.MULTIRUN, with_log_configuration=False
+            CONFIG_NAME, [*launcher, *words], run_mode=RunMode.MULTIRUN, with_log_configuration=False
         )
         context = HydraContext(config_loader=state.config_loader(), callbacks=_no_callbacks(config))
         starter = Plugins.instance().instantiate_launcher(hydra_context=context, task_function=task, config=config)
-        ended = starter.launch([list(place) for _ in range(jobs)], initial_job_idx=0)
+        ended = starter.launch([list(words) for _ in range(jobs)], initial_job_idx=0)
     failed = {index: job for index, job in enumerate(ended) if job.status is not JobStatus.COMPLETED}
     return {index: f"{type(job._return_value).__name__}: {job._return_value}" for index, job in failed.items()}
+
+
+def quoted(text: str) -> str:
+    """A text as Hydra's grammar takes it for a value, whatever is in it.
+
+    Example:
+        >>> quoted("it's ${x}")
+        "'it\\\\'s \\\\${x}'"
+    """
+    escaped = re.sub(r"(\\*)('|\$\{)", r"\1\1\\\2", text)  # backslashes count only before those, and at the end
+    return "'" + re.sub(r"(\\+)$", r"\1\1", escaped) + "'"
 
 
 def job_number() -> int:

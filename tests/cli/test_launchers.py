@@ -10,8 +10,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from omegaconf import OmegaConf
 
 from credit.cli.board import Board
+from credit.cli.main import main
 from credit.cli.task import Parent
 from credit.config import launchers
 from credit.core.errors import UserError
@@ -219,3 +222,20 @@ def begun(site: Path) -> list[int]:
 
 def _pidfd(pid: int) -> int:
     return os.pidfd_open(pid)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["/a/b", "/it's", "/d${x}", "/c,d", "/br[1]", "/eq=1", "/back\\slash", "/q\\'x", "/end\\", "/a\\${x}", " sp "],
+)
+def test_a_value_is_quoted_by_hydras_rules(text: str) -> None:
+    value = OverridesParser.create().parse_override(f"output={launchers.quoted(text)}").value()
+    assert OmegaConf.create({"output": value, "in": "${output}/x"})["in"] == f"{text}/x"
+
+
+@pytest.mark.parametrize("name", ["it's", "d${x}"])
+def test_folders_of_any_name_hold_sweeps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    (tmp_path / name).mkdir()
+    monkeypatch.chdir(tmp_path / name)
+    assert main(["train", "-m", "method=delayed,block", "trainer.steps=70", "replicas=1", "tracking=none"]) == 0
+    assert len([*(tmp_path / name).rglob("DONE")]) == 2

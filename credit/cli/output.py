@@ -1,0 +1,101 @@
+"""Output may fail where runs may not: the reader of a pipe that went away, a full disk, a terminal without √ and ±."""
+
+from __future__ import annotations
+
+import codecs
+import contextlib
+import os
+import sys
+from collections.abc import Iterator
+from typing import Any, TextIO
+
+PLAIN = {
+    "−": "-",
+    "–": "-",
+    "—": "-",
+    "…": "...",
+    "·": ".",
+    "×": "x",
+    "±": "+/-",
+    "√": "sqrt ",
+    "→": "->",
+    "≥": ">=",
+    "≤": "<=",
+    "━": "=",
+    "─": "-",
+    "═": "=",
+    "│": "|",
+    "┃": "|",
+    "ä": "ae",
+    "ö": "oe",
+    "ü": "ue",
+    "ß": "ss",
+    "α": "alpha",
+    "β": "beta",
+    "γ": "gamma",
+    "ε": "epsilon",
+    "λ": "lambda",
+    "σ": "sigma",
+    "τ": "tau",
+    "φ": "phi",
+}
+
+
+def plainly(error: UnicodeError) -> tuple[str, int]:
+    """What stands for characters that an encoding lacks: ASCII, `?` where nothing is like them."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(PLAIN.get(letter, "?") for letter in error.object[error.start : error.end]), error.end
+
+
+codecs.register_error("plainly", plainly)
+
+
+class Surviving:
+    """A stream whose failures end its output, and nothing else.
+
+    Args:
+        stream: what is written to until that fails.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        """Write, or lose it."""
+        with contextlib.suppress(OSError):
+            return self._stream.write(text)
+        self._give_up()
+        return len(text)
+
+    def flush(self) -> None:
+        """Flush, or lose it."""
+        try:
+            self._stream.flush()
+        except OSError:
+            self._give_up()
+
+    def _give_up(self) -> None:
+        """From now on what is written goes nowhere, also what is still in buffers, which Python flushes at its end."""
+        with contextlib.suppress(OSError, ValueError):
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, self._stream.fileno())
+            os.close(nowhere)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+@contextlib.contextmanager
+def surviving() -> Iterator[None]:
+    """Standard output and error that outlive their readers, and write what they can."""
+    before = sys.stdout, sys.stderr
+    for stream in before:
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="plainly")
+    sys.stdout, sys.stderr = (Surviving(stream) for stream in before)  # type: ignore[assignment]
+    try:
+        yield
+        sys.stdout.flush()
+    finally:
+        sys.stdout, sys.stderr = before

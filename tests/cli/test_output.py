@@ -1,0 +1,68 @@
+"""Output that fails ends no run: readers that go away, full disks, terminals without our characters."""
+
+from __future__ import annotations
+
+import io
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from credit.cli.output import Surviving, surviving
+
+RUN = ["method=delayed", "trainer.steps=70", "replicas=1", "tracking=none"]
+
+
+def command(folder: Path, *words: str, **keys: Any) -> subprocess.CompletedProcess[bytes]:
+    whole = [sys.executable, "-m", "credit.cli.main", *words]
+    return subprocess.run(whole, cwd=folder, stderr=subprocess.PIPE, check=False, timeout=300, **keys)
+
+
+def nobody() -> int:
+    """The end of a pipe that nobody reads."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    return writer
+
+
+@pytest.mark.parametrize("where", [nobody, lambda: os.open("/dev/full", os.O_WRONLY)], ids=["no reader", "no room"])
+def test_a_run_ends_well_whoever_reads(tmp_path: Path, where: Callable[[], int]) -> None:
+    ended = command(tmp_path, "train", *RUN, stdout=where())
+    assert (ended.returncode, b"Error" in ended.stderr) == (0, False), ended.stderr
+    assert len([*tmp_path.rglob("DONE")]) == 1
+
+
+@pytest.mark.parametrize(("encoding", "said"), [("ascii", b"sqrt "), ("latin-1", b"sqrt "), ("utf-8", "√".encode())])
+def test_characters_that_a_terminal_lacks_are_replaced(tmp_path: Path, encoding: str, said: bytes) -> None:
+    environment = os.environ | {"PYTHONIOENCODING": encoding}
+    ended = command(tmp_path, "list", "bonus", stdout=subprocess.PIPE, env=environment)
+    assert (ended.returncode, ended.stderr) == (0, b"")
+    assert said in ended.stdout
+
+
+def test_what_is_not_known_is_a_question_mark() -> None:
+    raw = io.BytesIO()
+    stream = io.TextIOWrapper(raw, encoding="ascii", errors="plainly")
+    stream.write("39 ± 7, 日")
+    stream.flush()
+    assert raw.getvalue() == b"39 +/- 7, ?"
+
+
+def test_a_stream_that_broke_stays_silent() -> None:
+    stream = os.fdopen(nobody(), "w")
+    for _ in range(2):
+        Surviving(stream).write("x" * 100_000)
+        Surviving(stream).flush()
+    stream.close()
+
+
+def test_streams_are_what_they_were_afterwards() -> None:
+    before = sys.stdout, sys.stderr
+    with surviving():
+        assert sys.stdout is not before[0]
+        assert sys.stdout.isatty() == before[0].isatty()
+    assert (sys.stdout, sys.stderr) == before
