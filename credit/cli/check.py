@@ -10,7 +10,7 @@ import yaml
 
 from credit.cli.common import Words, help_text
 from credit.cli.main import guarded
-from credit.cli.train import checked_jobs, sweeps
+from credit.cli.train import checked_jobs, several
 from credit.core.errors import UserError
 
 EXPLAIN = "--explain"
@@ -25,7 +25,7 @@ def main(argv: list[str]) -> int:
         return 0
     explain = EXPLAIN in words.flags
     words.flags = [flag for flag in words.flags if flag != EXPLAIN]
-    multirun = sweeps(words)
+    multirun = several(words)
     if multirun and explain:
         raise UserError(f"{EXPLAIN} is of one job; leave out {' '.join(words.flags) or 'the sweep'}")
     configs = checked_jobs(words, multirun)

@@ -39,7 +39,10 @@ class Words:
             elif word in flags:
                 words.flags.append(word)
             elif word.startswith("-"):
-                raise UserError(f"{word!r} is no option here; {nearest(word, [*flags, '--config-dir', '--help'])}")
+                name, _, value = word.lstrip("-").partition("=")
+                value = value or (rest[0] if rest and "=" not in rest[0] else "…")
+                advice = nearest(word, [*flags, "--config-dir", "--help"])
+                raise UserError(f"{word!r} is no option here; {advice}; settings have no dashes, write {name}={value}")
             else:
                 words.overrides.append(word)
         return words

@@ -21,7 +21,7 @@ from credit.cli.common import Words, help_text
 from credit.cli.follow import Follower, Job, counts, shown, status, table
 from credit.cli.main import guarded
 from credit.cli.task import BEAT, Parent, Task
-from credit.config import launchers, registry
+from credit.config import launchers, registry, sweeps
 from credit.core.errors import UserError
 
 ATTEMPTS = 3  # how often a launcher is started that breaks: a worker that is killed for memory takes others with it
@@ -34,7 +34,7 @@ def main(argv: list[str]) -> int:
     if words.help:
         print(help_text("train", "[-m] [group=option] [key=value] ...", words.config_dirs))
         return 0
-    multirun = sweeps(words)
+    multirun = several(words)
     if not multirun and (swept := [text for text in words.overrides if registry.is_sweep(text)]):
         raise UserError(f"{swept[0]!r} names several values: add -m to run a sweep, or give one")
     jobs = checked_jobs(words, multirun)
@@ -78,7 +78,7 @@ def main(argv: list[str]) -> int:
     return 0 if ended == "FINISHED" else 1
 
 
-def sweeps(words: Words) -> bool:
+def several(words: Words) -> bool:
     """Whether the command is a sweep: `-m`, or a sweep from a file, which is nothing else."""
     return bool(words.flags) or any(registry.is_sweep_file(text) for text in words.overrides)
 
@@ -95,7 +95,7 @@ def checked_jobs(words: Words, multirun: bool) -> list[Job]:
     from credit.runs.job import plan
     from credit.runs.runner import compose
 
-    jobs = registry.expand(words.overrides, words.config_dirs) if multirun else [words.overrides]
+    jobs = sweeps.expand(words.overrides, words.config_dirs) if multirun else [words.overrides]
     found, problems, remarks = dict[str, Job](), dict[str, None](), dict[str, None]()
     useful: set[str] = set()
     useless: dict[str, tuple[str, list[str]]] = {}  # word → its slot, and a job that it is in

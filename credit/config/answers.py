@@ -27,6 +27,8 @@ def explain(error: Exception, overrides: Sequence[str], config_dirs: Sequence[st
         if not paths:
             return f"{' '.join(overrides)}: no key that these words need is there; take the last ones out one by one"
         return f"{', '.join(map(str, paths))}: starts from itself; take that out of its defaults list"
+    if isinstance(error, UnicodeDecodeError):
+        return "\n".join(files.undecodable(config_dirs)) or str(error)
     message = str(error)
     written = re.findall(r"(?:Interpolation key|Could not override) '([\w.]+)'", message)
     if old := next((text for text in (*overrides, *written) if instead(text)), None):

@@ -102,7 +102,7 @@ def _read(path: Path, changed: int, size: int) -> dict[str, Any]:
     try:
         found = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise UserError(f"{path}: no YAML ({' '.join(str(error).split())})") from None
+        raise UserError(f"{path}: no YAML ({' '.join(str(error).split())}); mend it, or take it away") from None
     if not isinstance(found, dict):
         raise UserError(f"{path}: a mapping belongs here, key: value")
     return found
@@ -142,10 +142,23 @@ def circular(kind: str, config_dirs: Sequence[str]) -> list[Path]:
 
 def describe_file(path: Path) -> str:
     """The first comment line of a YAML file: what it is."""
-    for line in path.read_text(encoding="utf-8").splitlines():
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
         if line.startswith("#") and not line.startswith("# @package"):
             return line.lstrip("# ").strip()
     return ""
+
+
+def undecodable(config_dirs: Sequence[str]) -> list[str]:
+    """Files that are no UTF-8: one sentence each."""
+    found = []
+    for folder in search_path(config_dirs):
+        for path in sorted(folder.rglob("*.yaml")):
+            try:
+                path.read_text(encoding="utf-8")
+            except UnicodeDecodeError as error:
+                byte = f"byte {error.object[error.start]:#04x} at {error.start}"
+                found.append(f"{path}: no UTF-8 ({byte}); save it as UTF-8")
+    return found
 
 
 def stamp(config_dirs: Sequence[str]) -> tuple[tuple[str, int], ...]:

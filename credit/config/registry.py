@@ -56,6 +56,8 @@ def compose(overrides: Sequence[str] = (), config_dirs: Sequence[str] = ()) -> d
     for text in overrides:
         if (first := str(parse(text).key_or_group).partition(".")[0]) in ROLES:
             raise UserError(f"{text!r}: {first} is not for the command line: {ROLES[first]}")
+        if text.lstrip("+").startswith("hydra.sweeper."):
+            raise UserError(f"{text!r}: write several values instead (method=a,b) and -m, or a file: sweep=<name>")
     return deepcopy(_composed(tuple(words), tuple(config_dirs), files.stamp(config_dirs)))
 
 
@@ -141,36 +143,6 @@ def _folder_of(words: Sequence[str], config_dirs: Sequence[str], id: object) -> 
     if isinstance(id, str) and id != "???":  # of an environment that is many
         env = re.sub(r"[^\w.-]+", "-", id)
     return env if env not in files.options("experiment", config_dirs) else f"{GENERIC}_{env}"
-
-
-def expand(overrides: Sequence[str], config_dirs: Sequence[str] = ()) -> list[list[str]]:
-    """The overrides of every job of a sweep, in the order in which Hydra's basic sweeper has them.
-
-    `sweep=<name>` stands for the words in its file: those in `hydra.sweeper.params`, and once more for each of
-    `sweep.rows` with the words of that row. Of two words for one key the later counts: params, row, command line.
-
-    Raises:
-        UserError: an override cannot be parsed, or there is no such file.
-    """
-    from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
-
-    typed = [text for text in overrides if not is_sweep_file(text)]
-    named = [text for text in overrides if is_sweep_file(text)]
-    jobs: list[list[str]] = []
-    for words in _words(named, config_dirs) if named else [[]]:
-        parsed = [parse(text) for text in (*words, *typed)]
-        kept = [override for override in parsed if not override.key_or_group.startswith("hydra")]
-        jobs += BasicSweeper.split_arguments(kept, max_batch_size=None)[0]
-    return jobs
-
-
-def _words(named: list[str], config_dirs: Sequence[str]) -> list[list[str]]:
-    """The words that a sweep's file stands for: one list for its grid, and one for each of its rows."""
-    if len(named) > 1 or is_sweep(named[0]):
-        raise UserError(f"{' '.join(named)}: one sweep at a time; run one after the other")
-    config = hydra_node(named, config_dirs, whole=True)
-    grid = [f"{key}={value}" for key, value in (config["hydra"]["sweeper"]["params"] or {}).items()]
-    return [grid, *([*grid, *row.split()] for row in config["sweep"].get("rows", ()))]
 
 
 def hydra_node(overrides: Sequence[str], config_dirs: Sequence[str] = (), whole: bool = False) -> dict[str, Any]:

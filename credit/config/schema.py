@@ -131,7 +131,8 @@ class Check:
             adapter(hint).validate_python(value)
         except ValidationError as error:
             reason = error.errors()[0]["msg"]
-            self.problems.append(f"{path}={value!r}: {reason}; allowed: {describe(hint)}")
+            whole = f"; write {value:.0f}" if isinstance(value, float) and value.is_integer() else ""  # 1e4
+            self.problems.append(f"{path}={value!r}: {reason}; allowed: {describe(hint)}{whole}")
 
     def _reach(self, slot: str, asker: str) -> None:
         """Mark a slot and all that it asks for as used; complain about what is asked for and not there."""

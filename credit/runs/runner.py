@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from credit.config import registry, schema, slugs
+from credit.config.kinds import CHOICES, KINDS
+from credit.core.errors import UserError
 from credit.runs import effects, folders
 from credit.runs import job as jobs
 from credit.runs.journal import read_json
@@ -60,11 +62,34 @@ def compose(
     Raises:
         UserError: with every problem found.
     """
-    config = jobs.checked(registry.compose(overrides, config_dirs), say)
+    try:
+        composed = registry.compose(overrides, config_dirs)
+    except UserError as error:
+        raise UserError("\n".join(_wrong(error, overrides, config_dirs))) from None
+    config = jobs.checked(composed, say)
     if words := effects.idle(overrides, config):
         (idle or partial(effects.refuse, overrides=overrides, config_dirs=config_dirs))(words)
     named = config | {"slug": slugs.slug(config, overrides, config_dirs)}
     return named | {"slug": folders.named(named)}
+
+
+def _wrong(first: UserError, overrides: Sequence[str], config_dirs: Sequence[str]) -> list[str]:
+    """What is wrong with each word that cannot be composed, and with what the others come to; Hydra tells the first."""
+    groups = [text for text in overrides if text.partition("=")[0].partition("@")[0] in {*KINDS, *CHOICES}]
+    said: dict[str, str] = {}
+    for text in overrides:
+        if text not in groups:
+            try:
+                registry.compose([*groups, text], config_dirs)
+            except UserError as error:
+                said[text] = str(error)
+    if not said:
+        return [str(first)]
+    try:
+        compose([text for text in overrides if text not in said], config_dirs=config_dirs)
+    except UserError as error:
+        return [*dict.fromkeys([*said.values(), str(error)])]
+    return [*dict.fromkeys(said.values())]
 
 
 def run(

@@ -46,6 +46,14 @@ CASES = {
     "a default of an option": ((TRAIN, "+defaults_for.x=1"), ["defaults_for", "mixer.alpha=.3"]),
     "wrong type": ((TRAIN, "mixer.alpha=abc"), ["mixer.alpha='abc'", "number", "float > 0"]),
     "wrong type in a list": ((TRAIN, "env.interaction=[0,x]"), ["env.interaction", "'x'", "list of float"]),
+    "a whole number as a float": ((TRAIN, "trainer.steps=1e4"), ["trainer.steps=10000.0", "integer", "write 10000"]),
+    "several problems of several kinds": (
+        (TRAIN, "foo=1", "bar.x=2", "mixer.alpha=x", "method=adaptive_mse"),
+        ["foo: unknown key", "bar: unknown key", "mixer.alpha='x'"],
+    ),
+    "a setting with dashes": ((TRAIN, "--seed", "3"), ["'--seed' is no option here", "write seed=3"]),
+    "the sweeper": ((TRAIN, "hydra.sweeper.params={a:1}"), ["hydra.sweeper.params={a:1}", "method=a,b", "sweep="]),
+    "an interval": ((TRAIN, "-m", "bonus.count.scale=interval(0,1)"), ["interval(0,1)", "range(0,1,.25)"]),
     "float for an integer": ((TRAIN, "seed=1.5"), ["seed=1.5", "integer"]),
     "not a choice": (
         (TRAIN, "uncertainty.resample=often"),

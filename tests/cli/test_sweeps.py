@@ -7,7 +7,7 @@ import shlex
 
 import pytest
 
-from credit.config import files, registry
+from credit.config import files, registry, sweeps
 from credit.core.errors import UserError
 from credit.runs import job
 from credit.runs.runner import compose
@@ -21,7 +21,7 @@ METHODS = "block,delayed,reference,adaptive_mse,disagreement,block_fair,delayed_
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", FILES)
 def test_every_file_composes_and_checks(name):
-    jobs = registry.expand([f"sweep={name}", "tracking=none"])
+    jobs = sweeps.expand([f"sweep={name}", "tracking=none"])
     plans = [job.plan(compose(words)) for words in jobs]
     folders = {(plan["experiment"], plan["method"], plan["slug"]) for plan in plans}
     assert len(folders) == len(jobs) > 1, "two jobs in one folder"
@@ -54,18 +54,18 @@ FEW = "experiment=pointmaze seed=2000 replicas=10 method=reference,disagreement,
 )
 def test_a_file_stands_for_the_commands_of_the_readme(name, commands):
     expected = [choice for command in commands for choice in grid(command)]
-    found = [dict(word.split("=", 1) for word in words) for words in registry.expand([f"sweep={name}"])]
+    found = [dict(word.split("=", 1) for word in words) for words in sweeps.expand([f"sweep={name}"])]
     assert len(found) == len(expected)
     assert {frozenset(words.items()) for words in found} == {frozenset(words.items()) for words in expected}
 
 
 def test_a_row_that_leaves_something_out_has_the_folder_of_the_command():
-    words = next(words for words in registry.expand(["sweep=sepsis"]) if any("~" in word for word in words))
+    words = next(words for words in sweeps.expand(["sweep=sepsis"]) if any("~" in word for word in words))
     assert compose(words)["slug"] == "~surrogates.health,~surrogates.health_last"
 
 
 def test_typed_words_count_more_than_those_of_the_file():
-    jobs = registry.expand(["sweep=table1", "seed=0,5", "replicas=20"])
+    jobs = sweeps.expand(["sweep=table1", "seed=0,5", "replicas=20"])
     assert len(jobs) == 2 * 12
     assert {word for words in jobs for word in words if word.startswith(("seed", "replicas"))} == {
         "seed=0",
@@ -103,7 +103,7 @@ def test_a_file_of_ones_own(credit, folder):
 )
 def test_bad_sweeps(words, message):
     with pytest.raises(UserError, match=message):
-        registry.expand(words)
+        sweeps.expand(words)
 
 
 def test_one_job_is_no_sweep():

@@ -110,16 +110,6 @@ def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
         registry.compose([], [str(tmp_path / "absent")])
 
 
-def test_expand() -> None:
-    jobs = registry.expand(["method=delayed,reference", "seed=0", "mixer.alpha=.1,.2"])
-    assert len(jobs) == 4
-    assert jobs[0] == ["method=delayed", "seed=0", "mixer.alpha=0.1"]
-    assert jobs[-1] == ["method=reference", "seed=0", "mixer.alpha=0.2"]
-    assert registry.expand(["seed=3"]) == [["seed=3"]]
-    assert registry.expand(["bonus=[count,disagreement]"]) == [["bonus=[count,disagreement]"]]
-    assert registry.expand(["seed=range(3)"]) == [["seed=0"], ["seed=1"], ["seed=2"]]
-
-
 def test_is_sweep() -> None:
     assert registry.is_sweep("method=a,b")
     assert registry.is_sweep("seed=range(0,3)")
