@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from credit.core.errors import UserError
-from credit.report.comparison import display_name, ordered_groups
+from credit.report.groups import display_name, ordered_groups
 from credit.report.reading import arrays
 from credit.report.runs import Runs
 from credit.report.statistics import Array
@@ -76,7 +76,7 @@ def recovered_maps(runs: Runs, seed: int | None = None) -> Maps | None:
     Raises:
         UserError: the seed is not among the runs, or a file of them is damaged.
     """
-    groups = sorted(ordered_groups(runs), key=lambda entry: entry[0] != "disagreement")
+    groups = sorted(ordered_groups(runs.frame), key=lambda entry: entry[0] != "disagreement")
     group = next((frame for _, _, frame in groups if _recovery_file(frame["folder"].iloc[0]).exists()), None)
     if group is None:
         return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from credit.runs.palette import COLOURS
 
 # For methods from elsewhere; those that ship have their colours in the palette.
 SPARE = ("#117733", "#aa4499", "#661100", "#44aa99", "#6699cc", "#806000")
+MOST = 4.0  # times that a shared axis may be longer than what a panel needs
 DASHES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))
 SETTINGS: dict[Any, Any] = {
     "font.size": 9,
@@ -41,6 +43,24 @@ def colours(methods: Iterable[str]) -> dict[str, str]:
     others = sorted(names - COLOURS.keys())
     chosen = {name: SPARE[index % len(SPARE)] for index, name in enumerate(others)}
     return chosen | {name: COLOURS[name] for name in names & COLOURS.keys()}
+
+
+def shade(colour: str, number: int) -> str:
+    """A colour for what is of the same kind: itself, then darker and lighter ones."""
+    target, share = [(0.0, 0.0), (0.0, 0.45), (1.0, 0.45), (0.0, 0.7)][number % 4]
+    red, green, blue = (part + share * (target - part) for part in to_rgb(colour))
+    return str(to_hex((red, green, blue)))
+
+
+def shared(ranges: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Limits of panels: one for all, so that they can be read across, unless it would squeeze one to a fourth.
+
+    Args:
+        ranges: what each would have alone.
+    """
+    low, high = min(low for low, _ in ranges), max(high for _, high in ranges)
+    squeezed = any((end - start) * MOST < high - low for start, end in ranges)
+    return list(ranges) if squeezed else [(low, high)] * len(ranges)
 
 
 @contextmanager

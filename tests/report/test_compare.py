@@ -11,7 +11,7 @@ from credit.cli.compare import main
 from credit.core.errors import UserError
 from credit.report.compare import compare
 from credit.report.comparison import summarise
-from credit.report.figures import distribution_figure
+from credit.report.distribution import distribution_figure
 from credit.report.heatmaps import heatmaps_figure
 from credit.report.recovered import recovered_maps
 from credit.report.runs import load_runs
