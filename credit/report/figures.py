@@ -14,7 +14,7 @@ from credit.report import style
 from credit.report.comparison import Comparison
 from credit.report.groups import Key
 from credit.report.labels import letters, wrapped
-from credit.report.looks import COLUMNS, LETTER, LINE, MARGIN, PLOT, RATE, Look, frame, looks, panels
+from credit.report.looks import LETTER, LINE, MARGIN, PLOT, RATE, Look, frame, looks, panels
 from credit.report.measures import AVERAGED, AVERAGED_WORTH, SUCCESS, WORTH, Measure
 from credit.report.runs import load_curves
 from credit.report.text import heading
@@ -25,7 +25,7 @@ POLICIES |= {WORTH: "Current actor", AVERAGED_WORTH: "Averaged actor"}
 TRAJECTORIES = "Online trajectories after the demonstrations"
 Labelled = tuple[Axes, list[tuple[float, str, str]]]  # a panel; height, name and colour of what stands beside it
 MANY = 6  # lines, beyond which their intervals are fainter
-ROOM = 1.3  # inches of a figure above and below its panel
+ROOM = 1.6  # inches of a figure above and below its panel
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,11 +85,11 @@ def curves_figure(comparisons: Sequence[Comparison]) -> Figure | None:
             setting = heading(comparison.runs) if len(comparisons) > 1 else ""
             panel.set_title(wrapped(": ".join(filter(None, [setting, POLICIES.get(measure, "")])), PLOT))
             labelled.append((panel, [line.label for line in lines]))
-    height = figure.get_figheight() / -(-len(labelled) // COLUMNS)
-    for panel, labels in labelled:
-        style.label_ends(panel, labels, gap=LINE / (height - ROOM))
     units = ["Primitive environment steps" if part.trajectory is None else TRAJECTORIES for part in comparisons]
     frame(figure, comparisons, f"{' or '.join(dict.fromkeys(units))} (mean over seeds and 95% interval)")
+    figure.draw_without_rendering()  # only then is known how high a panel is
+    for panel, labels in labelled:
+        style.label_ends(panel, labels, gap=LINE / (panel.get_position().height * figure.get_figheight()))
     return figure
 
 

@@ -172,7 +172,10 @@ def _spread(wanted: list[tuple[float, float]]) -> list[float]:
 
 
 def _middle(cluster: list[tuple[float, float]]) -> float:
-    return sum(place for place, _ in cluster) / len(cluster)
+    """Where its labels want it, as far as it stays beside the panel: what leaves it makes the panel smaller."""
+    half = _height(cluster) / 2
+    wanted = sum(place for place, _ in cluster) / len(cluster)
+    return min(max(wanted, half), 1 - half) if half < 0.5 else 0.5
 
 
 def _height(cluster: list[tuple[float, float]]) -> float:
