@@ -21,6 +21,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+TEXTS = {  # every report has these
+    "table.md": tables.markdown,
+    "table.csv": tables.csv,
+    "table.tex": tables.latex,
+    "runs.csv": tables.runs_csv,
+}
 KINDS = ("diagnostics", "maps", "demonstrations", "trajectories")  # figures that not every report has
 
 
@@ -87,18 +93,21 @@ def compare(
         metric: by which methods are ranked; None for what their judge ranks by.
         sort: order rows by this metric, the best first.
         best: show only so many rows of a setting, the best by `metric`.
-        report: where it goes; by default `<output>/reports/<experiment>`, and what leaves out runs goes beside it, to
-            a folder that says what was asked for.
+        report: where it goes, a folder that is new, empty or has an earlier report. By default that is
+            `<output>/reports/<experiment>`, and beside it, by what was asked for, where runs are left out.
 
     Returns:
         The report.
 
     Raises:
-        UserError: there is nothing finished to compare, runs cannot be averaged, or a name is that of none.
+        UserError: there is nothing finished to compare, runs cannot be averaged, a name is that of none, or the folder
+            has files of others.
     """
     chosen = {"method": methods, "variant": slugs, "feedback": feedback, **(where or {}), "commit": commits}
     chosen |= {"seed": seed, "replicas": replicas, "best": best}
     folder = report or output / "reports" / folder_name(experiment, chosen)
+    if report:
+        _require_own(folder)
     runs = load_runs(output, experiment, methods=methods, slugs=slugs, seed=seed, replicas=replicas, commits=commits)
     paper = load_paper(experiment)
     parts = runs.by_setting(feedback, where)
@@ -107,12 +116,7 @@ def compare(
     look = partial(summarise, reference=reference, trapped_above=trapped_above, paper=paper, metric=metric)
     comparisons = tuple(look(part, sort=sort, best=best) for part in parts)
     figures = _figures(comparisons, diagnostics_seed)
-    texts = {
-        "table.md": tables.markdown(*comparisons),
-        "table.csv": tables.csv(*comparisons),
-        "table.tex": tables.latex(*comparisons),
-        "runs.csv": tables.runs_csv(*comparisons),
-    }
+    texts = {name: make(*comparisons) for name, make in TEXTS.items()}
     try:
         files = _write(folder, texts, figures)
         films, remark = make_videos(comparisons, folder, diagnostics_seed) if videos else ([], "")
@@ -137,6 +141,14 @@ def folder_name(experiment: str, chosen: Mapping[str, Any]) -> str:
             listed = value if isinstance(value, list | tuple) and all(isinstance(part, str) for part in value) else None
             words.append(f"{key}={','.join(listed) if listed else typed(value)}")
     return file_name("-".join([experiment, *words])) if words else experiment
+
+
+def _require_own(folder: Path) -> None:
+    """Stop where a report would be written over what is none."""
+    if folder.exists() and not folder.is_dir():
+        raise UserError(f"report={folder} is a file; name a folder")
+    if folder.exists() and any(folder.iterdir()) and not all((folder / name).exists() for name in TEXTS):
+        raise UserError(f"report={folder} has files that are no report's; name a new or an empty folder")
 
 
 def _figures(comparisons: Sequence[Comparison], diagnostics_seed: int | None) -> dict[str, Figure | None]:
@@ -164,13 +176,12 @@ def _figures(comparisons: Sequence[Comparison], diagnostics_seed: int | None) ->
 def _write(folder: Path, texts: Mapping[str, str], figures: Mapping[str, Figure | None]) -> list[Path]:
     from credit.report import style
 
-    earlier = all((folder / name).exists() for name in texts)
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     files = [folder / name for name in texts]
-    # An earlier report may have had other settings; what is not a report's is left alone.
-    old = {path.stem for kind in KINDS for path in folder.glob(f"{kind}*.svg")} if earlier else set()
+    # An earlier report may have had other settings.
+    old = {path.stem for kind in KINDS for path in folder.glob(f"{kind}*.svg")}
     with style.styled():
         for name, figure in {**figures, **dict.fromkeys(sorted(old - figures.keys()))}.items():
             files += style.save(figure, folder, name)

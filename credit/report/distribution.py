@@ -32,7 +32,7 @@ def distribution_figure(comparisons: Sequence[Comparison]) -> Figure:
     scored = {key for comparison in comparisons for key in _scores(comparison)}
     places = {key: place for place, key in enumerate(key for key in styles if key in scored)}
     names = [styles[key].name for key in places]
-    lines = sum(max(2.6, 1 + name.count("\n")) for name in names)
+    lines = len(names) * max(2.6, 1.6 + max(name.count("\n") for name in names))
     width = PLOT + LETTER * letters(names) / min(len(comparisons), 2)  # the names stand beside the first panel alone
     figure, axes = panels(len(comparisons), width, 1.3 + 1.05 * LINE * lines, sharey=True)
     for panel, comparison in zip(axes, comparisons, strict=True):
@@ -40,9 +40,8 @@ def distribution_figure(comparisons: Sequence[Comparison]) -> Figure:
         if len(comparisons) > 1:
             panel.set_title(wrapped(heading(comparison.runs), PLOT), pad=16 if comparison.counts_trapped else None)
         panel.set_xlabel(comparison.primary.title + (f" ({remark})" if remark else ""))
-    if {panel.get_xscale() for panel in axes} == {"linear"} and len({part.primary for part in comparisons}) == 1:
-        for panel, limits in zip(axes, style.shared([panel.get_xlim() for panel in axes]), strict=True):
-            panel.set_xlim(*limits)
+    if len({part.primary for part in comparisons}) == 1:
+        style.share(axes)
     axes[0].set_yticks(range(len(places)), names)
     axes[0].set_ylim(len(places) - 0.5, -0.6)
     frame(figure, comparisons, POINTS)

@@ -26,10 +26,12 @@ def title(comparisons: Sequence[Comparison], inches: float) -> str:
     """
     runs = comparisons[0].runs
     setting = heading(runs).split() if len(comparisons) == 1 else []
-    said = list(dict.fromkeys([*setting, *common_overrides(comparisons)]))
+    common, of_methods = common_overrides(comparisons)
+    own = [f"{method} with {', '.join(words)}" for method, words in of_methods.items() if words]
     seeds = span(row["n"] for comparison in comparisons for row in comparison.rows)
-    words = ", ".join([runs.experiment, *said, f"n = {seeds} {'seed' if seeds == '1' else 'seeds'}"])
-    return wrapped(words, inches)
+    counted = f"n = {seeds} {'seed' if seeds == '1' else 'seeds'}"
+    said = ", ".join([runs.experiment, *dict.fromkeys([*setting, *common]), counted])
+    return wrapped("; ".join([said, *own]), inches)
 
 
 def wrapped(words: str, inches: float) -> str:
@@ -37,11 +39,20 @@ def wrapped(words: str, inches: float) -> str:
     return textwrap.fill(words, max(int(inches * PER_INCH), 20), break_long_words=True, break_on_hyphens=False)
 
 
-def common_overrides(comparisons: Sequence[Comparison]) -> list[str]:
-    """What was typed for all runs beside their method, in the order of folder names."""
+def common_overrides(comparisons: Sequence[Comparison]) -> tuple[list[str], Mapping[str, list[str]]]:
+    """What was typed for all runs beside their method, and method's name → what was typed for all its variants, too.
+
+    Args:
+        comparisons: one a setting.
+    """
     folders = {Path(folder).parent.name for comparison in comparisons for folder in comparison.runs.frame["folder"]}
-    first, *others = sorted(map(overrides, folders))
-    return [word for word in first if all(word in other for other in others)]
+    common = _in_all(map(overrides, folders))
+    variants: dict[str, set[str]] = {}
+    for comparison in comparisons:
+        for _, slug, group in comparison.groups:
+            variants.setdefault(str(group["name"].iloc[0]), set()).add(slug)
+    own = {name: _in_all(map(overrides, slugs)) for name, slugs in variants.items() if len(slugs) > 1}
+    return common, {name: [word for word in words if word not in common] for name, words in own.items()}
 
 
 def row_names(comparisons: Sequence[Comparison]) -> Mapping[Key, str]:
@@ -53,14 +64,15 @@ def row_names(comparisons: Sequence[Comparison]) -> Mapping[Key, str]:
     Example:
         `Ridge-UCB (bonus.count.scale=0.1,mixer.alpha=0.3)` is `Ridge-UCB`, and below it `scale=0.1, alpha=0.3`.
     """
-    common = common_overrides(comparisons)
+    common, of_methods = common_overrides(comparisons)
     rows = [row for comparison in comparisons for row in comparison.groups]
     titles = {(method, slug): str(group["name"].iloc[0]) for method, slug, group in rows}
-    own = {key: [word for word in overrides(key[1]) if word not in common] for key in titles}
+    said = {key: {*common, *of_methods.get(name, [])} for key, name in titles.items()}
+    own = {key: [word for word in overrides(key[1]) if word not in said[key]] for key in titles}
     short = _short_keys(match[1] for words in own.values() for word in words if (match := _KEY.fullmatch(word)))
-    said = {key: ", ".join(_shortened(word, short) for word in words) for key, words in own.items()}
+    below = {key: ", ".join(_shortened(word, short) for word in words) for key, words in own.items()}
     for lines in (LINES, None):
-        names = {key: "\n".join([titles[key], *_folded(said[key], lines)]) for key in titles}
+        names = {key: "\n".join([titles[key], *_folded(below[key], lines)]) for key in titles}
         if len(set(names.values())) == len(names):
             break
     return names
@@ -69,6 +81,12 @@ def row_names(comparisons: Sequence[Comparison]) -> Mapping[Key, str]:
 def letters(names: Iterable[str]) -> int:
     """The letters of the longest line."""
     return max(len(line) for name in names for line in name.split("\n"))
+
+
+def _in_all(slugs: Iterable[list[str]]) -> list[str]:
+    """The words that all of these have, in the order of the first by name."""
+    first, *others = sorted(slugs)
+    return [word for word in first if all(word in other for other in others)]
 
 
 def _short_keys(keys: Iterable[str]) -> dict[str, str]:

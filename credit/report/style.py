@@ -63,6 +63,16 @@ def shared(ranges: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
     return list(ranges) if squeezed else [(low, high)] * len(ranges)
 
 
+def share(panels: Sequence[Axes]) -> None:
+    """The same horizontal limits for all panels, as `shared` says, where all are linear, or all logarithmic."""
+    scales = {panel.get_xscale() for panel in panels}
+    if scales in ({"linear"}, {"log"}):
+        scale = panels[0].xaxis.get_transform()
+        ranges = [scale.transform(panel.get_xlim()) for panel in panels]
+        for panel, limits in zip(panels, shared([(low, high) for low, high in ranges]), strict=True):
+            panel.set_xlim(*scale.inverted().transform(limits))
+
+
 @contextmanager
 def styled() -> Iterator[None]:
     """Draw in the project's style and leave Matplotlib's global settings as they were."""

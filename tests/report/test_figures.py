@@ -96,6 +96,19 @@ def test_a_title_says_the_experiment_what_is_common_and_how_many_seeds(many: Com
         assert not any(axes.get_title() for axes in figure.axes)
 
 
+def test_what_all_variants_of_a_method_share_is_said_once(write_run: WriteRun, tmp_path: Path) -> None:
+    write_run("reference", 0, {"regret/cumulative": 50.0})
+    for alpha in (0.1, 0.3):
+        slug = f"mixer.alpha={alpha},uncertainty.draws=20"
+        write_run("disagreement", 0, {"regret/cumulative": 50.0 + alpha}, slug=slug)
+    comparison = summarise(load_runs(tmp_path / "outputs", "advertiser"))
+    names = ["Ridge-UCB", "Disagreement-UCB\nalpha=0.1", "Disagreement-UCB\nalpha=0.3"]
+    assert list(row_names([comparison]).values()) == names
+    for figure in figures(comparison):
+        title = "advertiser, n = 1 seed; Disagreement-UCB with uncertainty.draws=20"
+        assert " ".join(figure.get_suptitle().split()) == title
+
+
 def test_lines_of_one_method_are_told_apart(many: Comparison) -> None:
     styles = looks([many]).values()
     assert len({(look.colour, str(look.dashes)) for look in styles}) == 12

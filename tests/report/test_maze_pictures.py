@@ -221,7 +221,7 @@ def test_variants_have_pictures_of_their_own_and_every_maze_its_demonstrations(t
 @pytest.mark.thorough
 def test_old_pictures_do_not_stay(tmp_path: Path):
     output = write_all(tmp_path)
-    folder = output / "reports" / "pointmaze"
+    folder = output / "reports" / "pointmaze-method=reference"
     folder.mkdir(parents=True)
     for name in ("trajectories_gone", "maps_gone", "policy_gone_seed-0"):
         (folder / f"{name}.svg").touch()
