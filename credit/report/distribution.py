@@ -13,7 +13,7 @@ from credit.report import style
 from credit.report.columns import scores_of
 from credit.report.comparison import Comparison, interval_of
 from credit.report.groups import Key
-from credit.report.labels import letters, wrapped
+from credit.report.labels import letters
 from credit.report.looks import LETTER, LINE, PLOT, RATE, Look, frame, looks, panels
 from credit.report.text import heading
 from credit.runs.intervals import Array
@@ -38,7 +38,9 @@ def distribution_figure(comparisons: Sequence[Comparison]) -> Figure:
     for panel, comparison in zip(axes, comparisons, strict=True):
         remark = _draw(panel, comparison, styles, places)
         if len(comparisons) > 1:
-            panel.set_title(wrapped(heading(comparison.runs), PLOT), pad=16 if comparison.counts_trapped else None)
+            panel.set_title(
+                style.wrapped(heading(comparison.runs), PLOT), pad=16 if comparison.counts_trapped else None
+            )
         panel.set_xlabel(comparison.primary.title + (f" ({remark})" if remark else ""))
     if len({part.primary for part in comparisons}) == 1:
         style.share(axes)

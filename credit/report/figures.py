@@ -13,7 +13,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from credit.report import style
 from credit.report.comparison import Comparison
 from credit.report.groups import Key
-from credit.report.labels import letters, wrapped
+from credit.report.labels import letters
 from credit.report.looks import LETTER, LINE, MARGIN, PLOT, RATE, Look, frame, looks, panels
 from credit.report.measures import AVERAGED, AVERAGED_WORTH, SUCCESS, WORTH, Measure
 from credit.report.runs import load_curves
@@ -83,7 +83,7 @@ def curves_figure(comparisons: Sequence[Comparison]) -> Figure | None:
         for panel, (comparison, measure, lines), limit, (_, end) in zip(axes, drawn, limits, ends, strict=True):
             _draw(panel, lines, measure, limit, end)
             setting = heading(comparison.runs) if len(comparisons) > 1 else ""
-            panel.set_title(wrapped(": ".join(filter(None, [setting, POLICIES.get(measure, "")])), PLOT))
+            panel.set_title(style.wrapped(": ".join(filter(None, [setting, POLICIES.get(measure, "")])), PLOT))
             labelled.append((panel, [line.label for line in lines]))
     units = ["Primitive environment steps" if part.trajectory is None else TRAJECTORIES for part in comparisons]
     frame(figure, comparisons, f"{' or '.join(dict.fromkeys(units))} (mean over seeds and 95% interval)")

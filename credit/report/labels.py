@@ -14,15 +14,14 @@ from credit.report.variants import overrides
 
 LETTERS = 34  # of a line
 LINES = 4  # below the method's name
-PER_INCH = 13  # letters of a title
 _KEY = re.compile(r"([\w.]+)=(.*)", re.DOTALL)
 
 
-def title(comparisons: Sequence[Comparison], inches: float) -> str:
+def title(comparisons: Sequence[Comparison]) -> str:
     """Experiment, setting where there is one, what was typed for all runs, and the number of seeds.
 
     Args:
-        comparisons: one a setting. inches: how wide it may be.
+        comparisons: one a setting.
     """
     runs = comparisons[0].runs
     setting = heading(runs).split() if len(comparisons) == 1 else []
@@ -31,12 +30,7 @@ def title(comparisons: Sequence[Comparison], inches: float) -> str:
     seeds = span(row["n"] for comparison in comparisons for row in comparison.rows)
     counted = f"n = {seeds} {'seed' if seeds == '1' else 'seeds'}"
     said = ", ".join([runs.experiment, *dict.fromkeys([*setting, *common]), counted])
-    return wrapped("; ".join([said, *own]), inches)
-
-
-def wrapped(words: str, inches: float) -> str:
-    """A line of text as lines that are not wider."""
-    return textwrap.fill(words, max(int(inches * PER_INCH), 20), break_long_words=True, break_on_hyphens=False)
+    return "; ".join([said, *own])
 
 
 def common_overrides(comparisons: Sequence[Comparison]) -> tuple[list[str], Mapping[str, list[str]]]:

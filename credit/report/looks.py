@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from credit.report import style
 from credit.report.comparison import Comparison
 from credit.report.groups import Key, ordered_groups
-from credit.report.labels import row_names, title, wrapped
+from credit.report.labels import row_names, title
 
 COLUMNS = 2  # panels side by side
 PLOT, LETTER, LINE = 4.4, 0.066, 0.145  # inches: a panel without names, a letter of these, a line of them
@@ -68,6 +68,5 @@ def panels(number: int, width: float, height: float, *, sharey: bool = False) ->
 
 def frame(figure: Figure, comparisons: Sequence[Comparison], below: str) -> None:
     """Say above the panels what all runs share, and below them what is common to all axes."""
-    width = figure.get_figwidth()
-    figure.suptitle(title(comparisons, width), fontsize=9.5, x=0.01, ha="left")
-    figure.supxlabel(wrapped(below, width), fontsize=8.5)
+    style.entitle(figure, title(comparisons))
+    figure.supxlabel(style.wrapped(below, figure.get_figwidth()), fontsize=8.5)

@@ -89,7 +89,7 @@ def recovered_maps(runs: Runs, seed: int | None = None) -> Maps | None:
     chosen = group if seed is None else group[group["seed"] == seed]
     who = f"seed {chosen['seed'].iloc[0]}" if len(chosen) == 1 else f"mean over {len(chosen)} seeds"
     setting = f" ({heading(runs)})" if runs.setting.name else ""
-    return _maps(f"{name}{setting}, end of training, {who}", chosen)
+    return _maps(f"{runs.experiment}: {name}{setting}, end of training, {who}", chosen)
 
 
 def _recovery_file(folder: str) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +20,7 @@ from credit.runs.palette import COLOURS
 
 # For methods from elsewhere; those that ship have their colours in the palette.
 SPARE = ("#117733", "#aa4499", "#661100", "#44aa99", "#6699cc", "#806000")
+PER_INCH = 13  # letters of a title
 MOST = 4.0  # times that a shared axis may be longer than what a panel needs
 DASHES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))
 SETTINGS: dict[Any, Any] = {
@@ -138,6 +140,16 @@ def spread_out(axes: Axes, scores: NDArray[np.float64]) -> str:
         remark = f"linear up to {linear:g}"
     axes.xaxis.set_minor_formatter(NullFormatter())
     return remark
+
+
+def wrapped(words: str, inches: float) -> str:
+    """A line of text as lines that are not wider."""
+    return textwrap.fill(words, max(int(inches * PER_INCH), 20), break_long_words=True, break_on_hyphens=False)
+
+
+def entitle(figure: Figure, words: str) -> None:
+    """Write what a figure is about above it, at its left."""
+    figure.suptitle(wrapped(words, figure.get_figwidth()), fontsize=9.5, x=0.01, ha="left")
 
 
 def save(figure: Figure | None, folder: Path, name: str) -> list[Path]:

@@ -16,7 +16,7 @@ _MAKES_SETTING = re.compile(
 )
 # a comma stands before another override only where a key follows: lists have commas too
 _BETWEEN = re.compile(r",(?=[+~]|[^,=]*=)")
-_DECIMAL = re.compile(r"(?<==)[+-]?(\d+\.\d*|\.\d+)(e[+-]?\d+)?$")
+_DECIMAL = re.compile(r"(?<==)[+-]?(\d+\.\d*|\.\d+|\d+(?=e))(e[+-]?\d+)?$")
 _OVERRIDE = re.compile(r"[+~]|[^,=]+=")
 
 
@@ -46,7 +46,8 @@ def spelled(name: str, known: Collection[str]) -> str:
     """
     if name in known:
         return name
-    found = ",".join(sorted(_DECIMAL.sub(lambda match: repr(float(match[0])), part) for part in overrides(name)))
+    bare = re.sub(r"[\[\]'\"]", "", name)  # which folders leave out
+    found = ",".join(sorted(_DECIMAL.sub(lambda match: repr(float(match[0])), part) for part in overrides(bare)))
     return found if found in known else name
 
 

@@ -75,8 +75,8 @@ def test_heat_maps_of_one_seed_and_of_the_mean(output: Path):
     runs = load_runs(output, "advertiser")
     maps = [recovered_maps(runs), recovered_maps(runs, seed=2)]
     mean, one = [heatmaps_figure(each) for each in maps if each is not None]
-    assert mean.get_suptitle() == "Disagreement-UCB, end of training, mean over 4 seeds"
-    assert one.get_suptitle() == "Disagreement-UCB, end of training, seed 2"
+    assert mean.get_suptitle() == "advertiser: Disagreement-UCB, end of training, mean over 4 seeds"
+    assert one.get_suptitle() == "advertiser: Disagreement-UCB, end of training, seed 2"
     titles = [re.sub(r" \(.*", "", axes.get_title("left") or axes.get_title()) for axes in mean.axes]
     rewards = ["True reward", "Ridge reward", "Linear reward", "Mixed reward"]
     assert [title for title in titles if title] == [*rewards, "Weight of ridge"]

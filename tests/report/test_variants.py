@@ -13,7 +13,7 @@ from credit.report.variants import choose_variants, overrides
 
 from .conftest import TRAINER, WriteRun
 
-KNOWN = ("default", "a=1", "a=2", "b=2", "a=1,b=2", "ties_random", "env.goal=7,10,c=3", "x.y=0.1,z=2")
+KNOWN = ("default", "a=1", "a=2", "b=2", "a=1,b=2", "ties_random", "c=3,env.goal=7,10", "x.y=0.1,z=2")
 
 
 @pytest.mark.parametrize(
@@ -23,11 +23,13 @@ KNOWN = ("default", "a=1", "a=2", "b=2", "a=1,b=2", "ties_random", "env.goal=7,1
         ("a=1,b=2", {"a=1,b=2"}),
         ("b=2,a=1", {"a=1,b=2"}),
         ("z=2,x.y=.1", {"x.y=0.1,z=2"}),
+        ("z=2,x.y=1e-1", {"x.y=0.1,z=2"}),
+        ("env.goal=[7,10],c=3", {"c=3,env.goal=7,10"}),
         ("default,ties_random", {"default", "ties_random"}),
         ("default,a=1,b=2,a=2", None),
         ("a=1,a=2", {"a=1", "a=2"}),  # no variant has one key twice
         ("default,a=2", {"default", "a=2"}),
-        ("env.goal=7,10,c=3", {"env.goal=7,10,c=3"}),
+        ("env.goal=7,10,c=3", {"c=3,env.goal=7,10"}),
     ],
 )
 def test_a_text_is_a_name_first_and_a_list_else(typed: str, chosen: set[str] | None) -> None:

@@ -38,7 +38,8 @@ def methods(comparisons: Sequence[Comparison]) -> Iterator[Shown]:
         if comparison.is_maze:
             setting = f" ({heading(comparison.runs)})" if comparison.runs.setting.name else ""
             for method, slug, group in comparison.groups:
-                yield Shown(comparison, group, display_name(group) + setting, method, slug)
+                title = f"{comparison.runs.experiment}: {display_name(group)}{setting}"
+                yield Shown(comparison, group, title, method, slug)
 
 
 def maze_figures(comparisons: Sequence[Comparison], seed: int | None) -> dict[str, Figure | None]:

@@ -16,6 +16,7 @@ from matplotlib.patches import Circle, Rectangle
 
 from credit.envs.pointmaze.maze import Cell, Maze
 from credit.envs.pointmaze.task import RADIUS
+from credit.report import style
 from credit.report.comparison import Comparison
 from credit.report.pointmaze.tracks import Journal, Tracks, counted, has_tracks, load_tracks
 
@@ -118,7 +119,7 @@ def tracks_figure(title: str, journal: Journal) -> Figure:
         marks = [Line2D([], [], color=colour, label=word) for colour, word in words.items()]
         foot.legend(handles=marks, loc="upper center", ncols=2, frameon=False, fontsize=8)
         foot.set_axis_off()
-    figure.suptitle(title, fontsize=10, x=0.01, ha="left")
+    style.entitle(figure, title)
     return figure
 
 
