@@ -33,7 +33,8 @@ Usage: credit compare [KEY=VALUE ...]
                                                                          (reference, or the only method)
   metric=NAME            rank methods by it, such as eval/return         (what their judge ranks by)
   sort=NAME              order the rows by this metric, the best first   (as in the paper)
-  best=N                 only the N best rows by the ranking metric      (all)
+  best=N                 only the N best by the ranking metric, and the reference
+                                                                         (all)
   trapped_above=X        final regret above which a seed is trapped      (300)
   diagnostics_seed=N     maps (and in a maze trajectories) of this seed  (mean; median seed)
   videos=true|false      film the final policies in a maze               (true)

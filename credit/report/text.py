@@ -60,10 +60,10 @@ def sentences(comparison: Comparison) -> list[str]:
 def _chosen(comparison: Comparison) -> list[str]:
     """Which rows are shown, what they are compared to, and from how few seeds."""
     lines = []
-    if comparison.left_out:
+    if left := comparison.left_out:
         lines.append(
-            f"Only the best by {comparison.primary.title.lower()} are shown, {comparison.left_out} more rows are not: "
-            "the same seeds chose them, which flatters them."
+            f"Shown are the best by {comparison.primary.title.lower()}, {left} {'row is' if left == 1 else 'rows are'} "
+            "left out: the same seeds chose them, which flatters them."
         )
     if comparison.reference.remark:
         lines.append(comparison.reference.remark)

@@ -151,7 +151,7 @@ def test_the_best_are_shown_with_the_reference_and_the_rest_is_counted(write_run
     found = compared(tmp_path, best=2)
     assert found.table["regret/cumulative/mean"].tolist() == [61.0, 71.0, 91.0]
     assert found.left_out == 2
-    assert "Only the best by final regret are shown, 2 more rows are not" in sentences(found)[0]
+    assert "Shown are the best by final regret, 2 rows are left out: " in sentences(found)[0]
     assert set(found.runs.frame["slug"]) == {"default", "a=1", "a=1,b=2"}  # and so in every figure
     assert [f"{method}/{slug}" for method, slug, _ in found.groups] == [
         *("disagreement/a=1,b=2", "reference/a=1", "reference/default")
