@@ -14,7 +14,8 @@ import torch
 import credit
 from credit.bench.measure import Row
 from credit.core.errors import UserError
-from credit.report.statistics import mean_band, paired_difference
+from credit.report.statistics import paired_difference
+from credit.runs.intervals import mean_interval
 from credit.runs.runner import compose
 
 SEEDS = range(1000, 1005)
@@ -80,7 +81,7 @@ def compared(task: Task, ours: np.ndarray, theirs: np.ndarray) -> Row:
 
 def interval(returns: np.ndarray) -> str:
     """Mean with its 95% interval."""
-    mean, low, high = mean_band(returns)
+    mean, low, high = mean_interval(returns)
     return f"{mean:.1f} [{low:.1f}, {high:.1f}]"
 
 

@@ -74,7 +74,7 @@ def main(argv: list[str]) -> int:
         session.finish(ended)
         late = drain(tracking, console)
         board.end()
-    report([*parents], first, late)
+    report([*parents], first, late, None if ended == "FINISHED" else session.folder)
     return 0 if ended == "FINISHED" else 1
 
 
@@ -193,16 +193,21 @@ def show(follower: Follower, jobs: list[Job]) -> None:
     print("\n".join(counts(follower.facts, jobs)))
 
 
-def report(parents: list[Any], config: dict[str, Any], late: str | None) -> None:
-    """Where the runs lie and what to type next."""
+def report(parents: list[Any], config: dict[str, Any], late: str | None, failed: Path | None) -> None:
+    """Where the runs lie and what to type next: `failed` is the folder of a session that has jobs to be done again."""
     for parent in sorted(parents):
         print(f"runs     {shown(parent)}/seed-*")
     if late:
         print(f"tracking {late}")
     elsewhere = "" if config["output"] == "outputs" else f" output={shlex.quote(str(config['output']))}"
-    print(f"next     credit compare experiment={config['experiment']}{elsewhere}")
+    if failed:
+        print(f"next     mend what failed, then credit resume {shlex.quote(str(shown(failed)))}")
+    else:
+        print(f"next     credit compare experiment={config['experiment']}{elsewhere}")
     if config["tracking"]["_target_"] != "credit.tracking.NoTracking":
-        print(f"         credit dashboard{elsewhere}")
+        from credit.tracking.store import dashboard
+
+        print(f"         {dashboard(Path(config['output']), config['tracking'].get('uri'))}")
 
 
 def drain(tracking: Any, console: Console) -> str | None:

@@ -25,6 +25,8 @@ def read_words(argv: Sequence[str], readers: Mapping[str, Reader], command: str)
         key, equals, text = word.partition("=")
         if not equals:
             problems.append(f"{word!r} is not of the form KEY=VALUE")
+        elif key in readers and readers[key][0] in arguments:
+            problems.append(f"{key} is given twice, the second time in {word!r}")
         elif key not in readers:
             problems.append(f"unknown key {key!r} (in {word!r}); {nearest(key, readers)}")
         else:
@@ -50,6 +52,13 @@ def name(text: str) -> str:
     """One name."""
     (name,) = names(text)
     return name
+
+
+def given(text: str) -> str:
+    """A text that is not empty."""
+    if not text.strip():
+        raise ValueError(text)
+    return text
 
 
 def whole(least: int) -> Callable[[str], int]:

@@ -17,6 +17,8 @@ from credit.core.seams import Agent, Judge
 from credit.core.truth import ContinuingTruth, EpisodicTruth
 from credit.core.windows import Windows
 
+TRUST = {"weight": "", "best": ""}  # which of `trust_metrics` are rates: all
+
 
 def policy_error(policy: Tensor, optimal: Tensor, weight: Tensor | None = None) -> Tensor:
     """Share of states [R] where a policy differs from π* [S], each state weighted equally or by `weight` [S].
@@ -81,6 +83,7 @@ class _Exact(Judge):
     """What both kinds of exact judges do: labels, recovered rewards, trust."""
 
     higher_is_better: ClassVar = False
+    rates: ClassVar = {"policy/error": "", **TRUST}
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem

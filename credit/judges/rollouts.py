@@ -14,7 +14,7 @@ from credit.core.policy import Policy
 from credit.core.problem import Problem
 from credit.core.seams import Agent, Evaluated, Evaluation, Judge
 from credit.core.windows import Windows
-from credit.judges.exact import trust_metrics
+from credit.judges.exact import TRUST, trust_metrics
 
 RETURNS, SUCCESSES = ("auc", "final"), ("auc", "final", "learned", "lost")
 GOOD, BAD, LAST = 0.9, 0.6, 4  # a seed has learned at GOOD; below BAD it has lost it again; the end is LAST rounds
@@ -33,6 +33,7 @@ class Rollouts(Judge):
 
     metric: ClassVar = "eval/auc"
     higher_is_better: ClassVar = True
+    rates: ClassVar = {"eval/success": "", "eval/auc": "eval/success", "eval/final": "eval/success", **TRUST}
     keeps: ClassVar = ("_evaluation", "_labels", "_windows", "_taken", "_rounds", "_collected")
 
     def __init__(self, problem: Problem, evaluation: Evaluation, success: bool = False) -> None:

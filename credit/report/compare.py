@@ -4,20 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from credit.core.errors import UserError
 from credit.report import tables
 from credit.report.comparison import Comparison, metrics_of, summarise
+from credit.report.groups import ordered_groups, require_reference
 from credit.report.pointmaze.videos import make_videos
 from credit.report.published import load_paper
 from credit.report.runs import load_runs
+from credit.report.settings import file_name, typed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+TEXTS = {  # every report has these
+    "table.md": tables.markdown,
+    "table.csv": tables.csv,
+    "table.tex": tables.latex,
+    "runs.csv": tables.runs_csv,
+}
 KINDS = ("diagnostics", "maps", "demonstrations", "trajectories")  # figures that not every report has
 
 
@@ -55,50 +64,59 @@ def compare(
     seed: int | None = None,
     replicas: int | None = None,
     trapped_above: float = 300.0,
-    reference: str = "reference",
+    reference: str | None = None,
     diagnostics_seed: int | None = None,
     videos: bool = True,
     metric: str | None = None,
+    sort: str | None = None,
+    best: int | None = None,
+    report: Path | None = None,
 ) -> Report:
-    """Compare finished runs: write tables and figures to `<output>/reports/<experiment>`.
+    """Compare finished runs: write tables and figures to a folder of their own.
 
     Args:
         output: the folder that holds all experiments.
         experiment: which one.
         methods: only these; all by default.
-        slugs: only these variants of a method; all by default.
+        slugs: only these variants of a method, as `credit.report.variants.choose_variants` reads them; all by default.
         feedback: only settings of these names; all by default. Each is compared on its own.
         where: only settings with these values of the problem and the budget, such as `{"env.maze": "Large"}`.
         commits: only runs that were made by these commits of credit, by their first digits.
         seed: the first seed.
         replicas: how many seeds.
         trapped_above: final regret above which a seed counts as trapped.
-        reference: the method that the others are compared to.
+        reference: what the others are compared to, METHOD, VARIANT or METHOD/VARIANT; by default the method
+            `reference`, or the default variant of the only method.
         diagnostics_seed: draw the maps of this seed; by default the mean over seeds. In a maze its trajectories and
             videos too; by default those of the seed of median success.
         videos: film the final policies in a maze, where a video is missing or older than its run.
         metric: by which methods are ranked; None for what their judge ranks by.
+        sort: order rows by this metric, the best first.
+        best: show only so many rows of a setting, the best by `metric`.
+        report: where it goes, a folder that is new, empty or has an earlier report. By default that is
+            `<output>/reports/<experiment>`, and beside it, by what was asked for, where runs are left out.
 
     Returns:
         The report.
 
     Raises:
-        UserError: there is nothing finished to compare, or runs that cannot be averaged.
+        UserError: there is nothing finished to compare, runs cannot be averaged, a name is that of none, or the folder
+            has files of others.
     """
+    chosen = {"method": methods, "variant": slugs, "feedback": feedback, **(where or {}), "commit": commits}
+    chosen |= {"seed": seed, "replicas": replicas, "best": best}
+    folder = report or output / "reports" / folder_name(experiment, chosen)
+    if report:
+        _require_own(folder)
     runs = load_runs(output, experiment, methods=methods, slugs=slugs, seed=seed, replicas=replicas, commits=commits)
     paper = load_paper(experiment)
-    comparisons = tuple(
-        summarise(part, reference=reference, trapped_above=trapped_above, paper=paper, metric=metric)
-        for part in runs.by_setting(feedback, where)
-    )
+    parts = runs.by_setting(feedback, where)
+    if reference is not None:
+        require_reference([row for part in parts for row in ordered_groups(part.frame)], reference, experiment)
+    look = partial(summarise, reference=reference, trapped_above=trapped_above, paper=paper, metric=metric)
+    comparisons = tuple(look(part, sort=sort, best=best) for part in parts)
     figures = _figures(comparisons, diagnostics_seed)
-    texts = {
-        "table.md": tables.markdown(*comparisons),
-        "table.csv": tables.csv(*comparisons),
-        "table.tex": tables.latex(*comparisons),
-        "runs.csv": tables.runs_csv(*comparisons),
-    }
-    folder = output / "reports" / experiment
+    texts = {name: make(*comparisons) for name, make in TEXTS.items()}
     try:
         files = _write(folder, texts, figures)
         films, remark = make_videos(comparisons, folder, diagnostics_seed) if videos else ([], "")
@@ -107,10 +125,37 @@ def compare(
     return Report(folder, (*files, *films), comparisons, remark)
 
 
+def folder_name(experiment: str, chosen: Mapping[str, Any]) -> str:
+    """The name of a report's folder: the experiment's, and what was asked for where that leaves out runs.
+
+    Args:
+        experiment: its name. chosen: key → what was asked for; None is all.
+
+    Example:
+        >>> folder_name("advertiser", {"method": ["reference", "delayed"], "seed": 1000, "replicas": None})
+        'advertiser-method=reference,delayed-seed=1000'
+    """
+    words = []
+    for key, value in chosen.items():
+        if value is not None:
+            listed = value if isinstance(value, list | tuple) and all(isinstance(part, str) for part in value) else None
+            words.append(f"{key}={','.join(listed) if listed else typed(value)}")
+    return file_name("-".join([experiment, *words])) if words else experiment
+
+
+def _require_own(folder: Path) -> None:
+    """Stop where a report would be written over what is none."""
+    if folder.exists() and not folder.is_dir():
+        raise UserError(f"report={folder} is a file; name a folder")
+    if folder.exists() and any(folder.iterdir()) and not all((folder / name).exists() for name in TEXTS):
+        raise UserError(f"report={folder} has files that are no report's; name a new or an empty folder")
+
+
 def _figures(comparisons: Sequence[Comparison], diagnostics_seed: int | None) -> dict[str, Figure | None]:
     # Matplotlib takes half a second to import, which `credit --help` should not wait for.
     from credit.report import style
-    from credit.report.figures import curves_figure, distribution_figure
+    from credit.report.distribution import distribution_figure
+    from credit.report.figures import curves_figure
     from credit.report.heatmaps import heatmaps_figure
     from credit.report.pointmaze.figures import maze_figures
     from credit.report.recovered import recovered_maps

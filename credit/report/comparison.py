@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import pandas as pd
 
-from credit.report import statistics
-from credit.report.measures import REGRET, RETURN_ROUNDS, SUCCESS_ROUNDS, Measure, choose_curves, choose_measures
+from credit.report.columns import against, contrasted, difference, mean_columns, primary_columns, scores_of
+from credit.report.groups import Group, Key, Reference, best_first, choose_reference, display_name, ordered_groups
+from credit.report.measures import Measure, choose_curves, choose_measures, known_measure
 from credit.report.pointmaze.recognise import is_maze
 from credit.report.published import PaperValues
-from credit.report.runs import PAPER_METHODS, Runs
+from credit.report.runs import Runs
 from credit.report.scale import Scale
 from credit.report.settings import has
 from credit.report.statistics import Interval
 
 Row = dict[str, Any]
+LONGEST = 40  # letters of a row that is named in headers and sentences
 
 
 @dataclass(frozen=True)
@@ -32,8 +34,10 @@ class Comparison:
             `/paper_mean` and `/paper_se` where the paper has them. For the primary one also iqm,
             difference and improvement, each with `_low` and `_high`, difference_n and trapped. For others that are
             contrasted, the columns of the difference with `<metric>/` before them.
-        reference: (method, slug) of the row that the others are compared to, or None where it has no runs.
-        reference_name: how that row is called in tables ("" without one).
+        reference: the row that the others are compared to, if any, and what is to be said of the choice.
+        reference_name: how that row is called in headers and sentences, `the reference` where its name is long, ""
+            where there is none.
+        left_out: how many rows of the runs that were found are not shown, since only the best were asked for.
         paper: the paper's values, or None.
         trapped_above: the regret above which a seed counts as trapped.
     """
@@ -41,10 +45,11 @@ class Comparison:
     runs: Runs
     measures: tuple[Measure, ...]
     table: pd.DataFrame
-    reference: tuple[str, str] | None
+    reference: Reference
     reference_name: str
     paper: PaperValues | None
     trapped_above: float
+    left_out: int = 0
 
     @property
     def primary(self) -> Measure:
@@ -54,7 +59,7 @@ class Comparison:
     @property
     def contrasted(self) -> tuple[Measure, ...]:
         """The measures for which differences to the reference are known, the primary one first."""
-        return _contrasted(self.measures)
+        return contrasted(self.measures)
 
     @property
     def curves(self) -> tuple[Measure, ...]:
@@ -77,13 +82,19 @@ class Comparison:
         return [{str(key): value for key, value in row.items()} for row in self.table.to_dict("records")]
 
     @property
+    def groups(self) -> list[Group]:
+        """The runs of each row of the table, in its order."""
+        groups = {(method, slug): group for method, slug, group in ordered_groups(self.runs.frame)}
+        return [(*key, groups[key]) for key in zip(self.table["method"], self.table["slug"], strict=True)]
+
+    @property
     def counts_trapped(self) -> bool:
         """Whether the primary measure is a regret in steps, in which a seed can be trapped."""
         return "trapped" in self.table
 
     def is_reference(self, row: Row) -> bool:
         """Whether a row is the one that the others are compared to."""
-        return (row["method"], row["slug"]) == self.reference
+        return (row["method"], row["slug"]) == self.reference.key
 
     def scale(self, measure: Measure) -> Scale:
         """How a measure's column is printed."""
@@ -117,59 +128,49 @@ def interval_of(row: Row, name: str) -> Interval:
     return Interval(*(float(row.get(name + end, float("nan"))) for end in ("", "_low", "_high")))
 
 
-def ordered_groups(runs: Runs) -> list[tuple[str, str, pd.DataFrame]]:
-    """The runs of each (method, slug), the paper's methods first and in the paper's order."""
-
-    def position(key: tuple[str, str]) -> tuple[int, str, bool, str]:
-        """What to sort by."""
-        method, slug = key
-        # What goes beyond the paper follows by name.
-        rank = PAPER_METHODS.index(method) if method in PAPER_METHODS else len(PAPER_METHODS)
-        return rank, method, slug != "default", slug
-
-    groups = {(str(m), str(s)): group for (m, s), group in runs.frame.groupby(["method", "slug"])}
-    return [(*key, groups[key]) for key in sorted(groups, key=position)]
-
-
-def display_name(group: pd.DataFrame) -> str:
-    """The method's name as tables show it, with its slug where it is a variant."""
-    name, slug = str(group["name"].iloc[0]), str(group["slug"].iloc[0])
-    return name if slug == "default" else f"{name} ({slug})"
-
-
 def summarise(
     runs: Runs,
     *,
-    reference: str = "reference",
+    reference: str | None = None,
     trapped_above: float = 300.0,
     paper: PaperValues | None = None,
     metric: str | None = None,
+    sort: str | None = None,
+    best: int | None = None,
 ) -> Comparison:
     """Compute the comparison table.
 
     Args:
         runs: finished runs of one setting.
-        reference: the method that the others are compared to; its default variant where it has several.
+        reference: what the others are compared to, as `credit.report.groups.choose_reference` reads it.
         trapped_above: final regret above which a seed counts as trapped.
         paper: the paper's values; they are left out where they belong to another setting.
         metric: by which methods are ranked; None for what their judge ranks by.
+        sort: order rows by this metric, the best first; None for the paper's order, or by `metric` with `best`.
+        best: only so many rows, the best by `metric`, and the reference.
 
     Returns:
         The comparison; metrics that no run knows are left out.
 
     Raises:
-        UserError: no run has a metric that methods can be compared by.
+        UserError: no run has a metric that methods can be compared or sorted by, or the reference names several rows.
         ValueError: the runs are of several settings, which have nothing to be compared by.
     """
     if runs.frame["setting"].nunique() > 1:
         raise ValueError("summarise: runs of several settings; take those of one, from Runs.by_setting()")
     measures = choose_measures(runs.metrics, runs.experiment, metric)
-    groups = ordered_groups(runs)
+    groups = {(method, slug): group for method, slug, group in ordered_groups(runs.frame)}
     if paper is not None and not has(runs.frame["setting"].iloc[0], paper.setting):
         paper = None
-    base = next((entry for entry in groups if entry[0] == reference), None)
+    ranking = _ranked(groups, measures[0])
+    chosen = choose_reference([(*key, group) for key, group in groups.items()], reference, ranking)
+    base = groups[chosen.key] if chosen.key else None
+    by = known_measure("sort", sort, runs.metrics) if sort else measures[0]
+    order = _ranked(groups, by) if sort or best else list(groups)
+    shown = {*ranking[:best], *([chosen.key] if chosen.key else [])}
     rows = []
-    for method, slug, group in groups:
+    for key in (key for key in order if key in shown):
+        method, slug, group = *key, groups[key]
         row: Row = {
             "method": method,
             "slug": slug,
@@ -180,79 +181,26 @@ def summarise(
         }
         reported = paper.methods.get(method, {}) if paper and slug == "default" else {}
         for measure in measures:
-            row |= _mean_columns(group, measure, reported)
-        row |= _primary_columns(group, measures[0], trapped_above)
-        if base is not None and (method, slug) != base[:2]:
-            row |= _against(group, base[2], measures[0])
-            for measure in _contrasted(measures)[1:]:
-                row |= _difference(group, base[2], measure, f"{measure.metric}/")
+            row |= mean_columns(group, measure, reported)
+        row |= primary_columns(group, measures[0], trapped_above)
+        if base is not None and key != chosen.key:
+            row |= against(group, base, measures[0])
+            for measure in contrasted(measures)[1:]:
+                row |= difference(group, base, measure, f"{measure.metric}/")
         rows.append(row)
+    kept = [key in shown for key in zip(runs.frame["method"], runs.frame["slug"], strict=True)]
     return Comparison(
-        runs=runs,
+        runs=replace(runs, frame=runs.frame[kept].reset_index(drop=True)),
         measures=measures,
         table=pd.DataFrame(rows),
-        reference=base[:2] if base else None,
-        reference_name=display_name(base[2]) if base else "",
+        reference=chosen,
+        reference_name="" if base is None else name if len(name := display_name(base)) <= LONGEST else "the reference",
         paper=paper,
         trapped_above=trapped_above,
+        left_out=len(groups) - len(shown),
     )
 
 
-def _mean_columns(
-    group: pd.DataFrame, measure: Measure, reported: Mapping[str, tuple[float, float]]
-) -> dict[str, float]:
-    scores = _scores(group, measure)["score"]
-    mean, error = statistics.mean_and_error(scores) if len(scores) else (float("nan"), float("nan"))
-    columns = {
-        f"{measure.metric}/mean": mean,
-        f"{measure.metric}/se": error,
-        f"{measure.metric}/n": len(scores),
-    }
-    if measure.metric in reported:
-        columns[f"{measure.metric}/paper_mean"], columns[f"{measure.metric}/paper_se"] = reported[measure.metric]
-    return columns
-
-
-def _primary_columns(group: pd.DataFrame, measure: Measure, trapped_above: float) -> dict[str, float]:
-    scores = _scores(group, measure)["score"]
-    if not len(scores):
-        return {}
-    columns = _columns("iqm", statistics.iqm_interval(scores))
-    if measure == REGRET:
-        columns["trapped"] = statistics.count_trapped(scores, trapped_above)
-    return columns
-
-
-def _against(group: pd.DataFrame, base: pd.DataFrame, measure: Measure) -> dict[str, float]:
-    ours, theirs = _scores(group, measure), _scores(base, measure)
-    if not len(ours) or not len(theirs):
-        return {}
-    better = statistics.probability_of_improvement(
-        ours["score"], theirs["score"], ours["seed"], theirs["seed"], lower_is_better=measure.lower_is_better
-    )
-    return _difference(group, base, measure) | _columns("improvement", better)
-
-
-def _difference(group: pd.DataFrame, base: pd.DataFrame, measure: Measure, prefix: str = "") -> dict[str, float]:
-    common = set(_scores(group, measure)["seed"]) & set(_scores(base, measure)["seed"])
-    # a pooled share is taken over the seeds that are compared
-    ours, theirs = (_scores(part[part["seed"].isin(common)], measure) for part in (group, base))
-    x, y = statistics.pair_by_seed(ours["seed"], ours["score"], theirs["seed"], theirs["score"])
-    return {**_columns(f"{prefix}difference", statistics.paired_difference(x, y)), f"{prefix}difference_n": len(x)}
-
-
-def _contrasted(measures: tuple[Measure, ...]) -> tuple[Measure, ...]:
-    return measures if measures[0] in (*SUCCESS_ROUNDS, *RETURN_ROUNDS) else measures[:1]
-
-
-def _scores(group: pd.DataFrame, measure: Measure) -> pd.DataFrame:
-    """The seeds that know the measure, as columns seed and score."""
-    if measure.per:
-        known = group[["seed", measure.metric, measure.per]].dropna()
-        return known.assign(score=statistics.pooled(known[measure.metric], known[measure.per])).dropna()
-    known = group[["seed", measure.metric]].dropna()
-    return known.rename(columns={measure.metric: "score"})
-
-
-def _columns(name: str, interval: Interval) -> dict[str, float]:
-    return {name: interval.value, f"{name}_low": interval.low, f"{name}_high": interval.high}
+def _ranked(groups: Mapping[Key, pd.DataFrame], measure: Measure) -> list[Key]:
+    means = {key: float(scores_of(group, measure)["score"].mean()) for key, group in groups.items()}
+    return best_first(groups, means, measure.lower_is_better)

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
+from credit.report import style
 from credit.report.recovered import Block, Maps
 from credit.report.statistics import Array
 
@@ -38,7 +39,7 @@ def heatmaps_figure(maps: Maps) -> Figure:
         _draw_block(block, part.subplots(rows, columns, squeeze=False), maps.axes, scale)
         if block.title:
             part.suptitle(block.title, fontsize=9, fontweight="bold", x=0.01, ha="left")
-    figure.suptitle(maps.title, fontsize=10, x=0.01, ha="left")
+    style.entitle(figure, maps.title)
     return figure
 
 

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from credit.core.errors import UserError
+from credit.runs.intervals import GAP, SHARE, Bounds
 
 
 @dataclass(frozen=True)
 class Measure:
     """A metric that a table shows: its column in the journal, its title, and which direction is better.
 
-    `per` is another metric by which it is divided, the sum over seeds by the sum over seeds.
+    `per` is another metric by which it is divided, the sum over seeds by the sum over seeds. A `rate` is a share, from
+    0 to 1: intervals of it, and axes, stay there.
     """
 
     metric: str
@@ -20,29 +22,40 @@ class Measure:
     axis: str
     lower_is_better: bool = True
     per: str = ""
+    rate: bool = False
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """Where means of it lie."""
+        return SHARE if self.rate else None
+
+    @property
+    def gap(self) -> Bounds | None:
+        """Where differences of two means of it lie."""
+        return GAP if self.rate else None
 
 
 REGRET = Measure("regret/cumulative", "Final regret", "Cumulative regret")
-SHARE = Measure("regret/share", "Share of random's regret", "Regret as a share of that of random actions")
-SUCCESS = Measure("eval/success", "Success rate", "Success rate", lower_is_better=False)
+RELATIVE = Measure("regret/share", "Share of random's regret", "Regret as a share of that of random actions")
+SUCCESS = Measure("eval/success", "Success rate", "Success rate", lower_is_better=False, rate=True)
 RETURN = Measure("return/label", "Return", "Return", lower_is_better=False)
 MSE = Measure("reward/mse", "Mixed reward MSE", "Mixed reward MSE")
-AVERAGED = Measure("eval/success_averaged", "Success rate, averaged actor", "Success rate", lower_is_better=False)
+AVERAGED = replace(SUCCESS, metric="eval/success_averaged", title="Success rate, averaged actor")
 WORTH = Measure("eval/return", "Return of the policy", "Return", lower_is_better=False)
 AVERAGED_WORTH = Measure("eval/return_averaged", "Return, averaged actor", "Return", lower_is_better=False)
-AUC = Measure("eval/auc", "AUC of success", "Mean success rate over the rounds", lower_is_better=False)
+AUC = replace(SUCCESS, metric="eval/auc", title="AUC of success", axis="Mean success rate over the rounds")
 AUC_OF_RETURN = Measure("eval/auc", "AUC of return", "Mean return over the rounds", lower_is_better=False)
 
 CONTINUING = (
     REGRET,
     SUCCESS,
     Measure("regret/auc", "AUC regret", "Area under the regret curve"),
-    Measure("policy/error", "Policy error", "Policy error"),
+    Measure("policy/error", "Policy error", "Policy error", rate=True),
     MSE,
 )
 # Episodes have an exact regret of random actions, by which settings with other horizons and rewards can be read.
 EPISODIC = (
-    SHARE,
+    RELATIVE,
     REGRET,
     Measure("return/policy", "Value of the policy", "Value of the executed policy", lower_is_better=False),
     MSE,
@@ -50,12 +63,14 @@ EPISODIC = (
 # Policies that are judged after every round, by success where there is such a thing, else by return. Success is
 # bounded, and most reach it in the end: how soon (AUC) and how lastingly (lost) tell methods apart.
 SUCCESS_ROUNDS = (
-    Measure("eval/final", "Success in the last four rounds", "Success rate", lower_is_better=False),
-    Measure("eval/final_averaged", "Last four, averaged actor", "Success rate", lower_is_better=False),
+    replace(SUCCESS, metric="eval/final", title="Success in the last four rounds"),
+    replace(SUCCESS, metric="eval/final_averaged", title="Last four, averaged actor"),
     AUC,
-    Measure("eval/auc_averaged", "AUC, averaged actor", "Mean success rate over the rounds", lower_is_better=False),
-    Measure("eval/lost", "Lost rounds", "Share of lost rounds", per="eval/learned"),
-    Measure("eval/lost_averaged", "Lost, averaged actor", "Share of lost rounds", per="eval/learned_averaged"),
+    replace(AUC, metric="eval/auc_averaged", title="AUC, averaged actor"),
+    Measure("eval/lost", "Lost rounds", "Share of lost rounds", per="eval/learned", rate=True),
+    Measure(
+        "eval/lost_averaged", "Lost, averaged actor", "Share of lost rounds", per="eval/learned_averaged", rate=True
+    ),
 )
 RETURN_ROUNDS = (
     Measure("eval/final", "Return in the last four rounds", "Return", lower_is_better=False),
@@ -79,20 +94,20 @@ def choose_measures(known: Sequence[str], experiment: str, metric: str | None = 
         UserError: no run has a metric that methods can be compared by, or not the one that is asked for.
     """
     if metric is not None:
-        first = _measure(metric, known)
+        first = known_measure("metric", metric, known)
         try:
             others = choose_measures(known, experiment)
         except UserError:
             others = ()
         return (first, *(measure for measure in others if measure.metric != metric))
-    wanted: tuple[Measure, ...] = EPISODIC if SHARE.metric in known else CONTINUING
+    wanted: tuple[Measure, ...] = EPISODIC if RELATIVE.metric in known else CONTINUING
     if SUCCESS_ROUNDS[0].metric in known and REGRET.metric not in known:
         wanted = SUCCESS_ROUNDS if SUCCESS.metric in known else RETURN_ROUNDS
     measures = tuple(measure for measure in wanted if {measure.metric, measure.per or measure.metric} <= set(known))
     if wanted is CONTINUING and not {REGRET.metric, SUCCESS.metric} & set(known):
         measures = (*[measure for measure in (WORTH, RETURN) if measure.metric in known][:1], *measures)
     if not measures:
-        names = ", ".join(measure.metric for measure in (*CONTINUING, SHARE, *RETURN_ROUNDS[::2], WORTH, RETURN))
+        names = ", ".join(measure.metric for measure in (*CONTINUING, RELATIVE, *RETURN_ROUNDS[::2], WORTH, RETURN))
         raise UserError(
             f"The runs of experiment={experiment} have none of the metrics that are compared "
             f"({names}); they have {', '.join(sorted(known)) or 'no metrics'}."
@@ -100,8 +115,11 @@ def choose_measures(known: Sequence[str], experiment: str, metric: str | None = 
     return measures
 
 
-def _measure(metric: str, known: Sequence[str]) -> Measure:
+def known_measure(key: str, metric: str, known: Sequence[str]) -> Measure:
     """A metric that runs have and whose direction is known.
+
+    Args:
+        key: what it was asked for by. metric: its name. known: metrics that at least one run has.
 
     Raises:
         UserError: there is none of that name.
@@ -111,7 +129,7 @@ def _measure(metric: str, known: Sequence[str]) -> Measure:
     named |= {measure.metric: measure for measure in (SUCCESS_ROUNDS if SUCCESS.metric in known else RETURN_ROUNDS)}
     found = {name: measure for name, measure in named.items() if {name, measure.per or name} <= {*known}}
     if metric not in found:
-        raise UserError(f"metric={metric}: runs can be ranked by {', '.join(sorted(found)) or 'nothing'} here")
+        raise UserError(f"{key}={metric}: runs can be ranked by {', '.join(sorted(found)) or 'nothing'} here")
     return found[metric]
 
 

@@ -14,7 +14,8 @@ import numpy as np
 
 from credit.core.errors import UserError
 from credit.report.provenance import code_of
-from credit.report.settings import read_setting, variant
+from credit.report.settings import read_setting
+from credit.report.variants import variant
 from credit.runs.rows import unusable
 
 

@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from credit.core.errors import UserError
-from credit.report.comparison import display_name, ordered_groups
+from credit.report.groups import display_name, ordered_groups
 from credit.report.reading import arrays
 from credit.report.runs import Runs
 from credit.report.statistics import Array
@@ -76,7 +76,7 @@ def recovered_maps(runs: Runs, seed: int | None = None) -> Maps | None:
     Raises:
         UserError: the seed is not among the runs, or a file of them is damaged.
     """
-    groups = sorted(ordered_groups(runs), key=lambda entry: entry[0] != "disagreement")
+    groups = sorted(ordered_groups(runs.frame), key=lambda entry: entry[0] != "disagreement")
     group = next((frame for _, _, frame in groups if _recovery_file(frame["folder"].iloc[0]).exists()), None)
     if group is None:
         return None
@@ -89,7 +89,7 @@ def recovered_maps(runs: Runs, seed: int | None = None) -> Maps | None:
     chosen = group if seed is None else group[group["seed"] == seed]
     who = f"seed {chosen['seed'].iloc[0]}" if len(chosen) == 1 else f"mean over {len(chosen)} seeds"
     setting = f" ({heading(runs)})" if runs.setting.name else ""
-    return _maps(f"{name}{setting}, end of training, {who}", chosen)
+    return _maps(f"{runs.experiment}: {name}{setting}, end of training, {who}", chosen)
 
 
 def _recovery_file(folder: str) -> Path:

@@ -13,14 +13,14 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from credit.core.errors import UserError, nearest
+from credit.report.groups import PAPER_METHODS
 from credit.report.provenance import COLUMNS as CODE
 from credit.report.provenance import choose_commits
 from credit.report.reading import read_run, setting_of_unfinished
-from credit.report.settings import Setting, choose_settings, variant
+from credit.report.settings import Setting, choose_settings
+from credit.report.variants import choose_variants, variant
 from credit.runs.rows import JOURNAL, read_rows, unusable
 
-# The paper's methods in the order of its Table 1.
-PAPER_METHODS = ("block", "delayed", "reference", "adaptive_mse", "disagreement")
 IDENTITY = ("method", "slug", "seed", "name", "folder", "setting", "config_hash", *CODE)
 
 
@@ -100,7 +100,7 @@ def load_runs(
         experiment: which one.
         methods: only these; all by default.
         slugs: only these variants ("default", or the slug of a run's overrides, with or without those of the
-            setting); all by default.
+            setting), as `credit.report.variants.choose_variants` reads them; all by default.
         seed: the first seed; seeds below it are left out.
         replicas: how many seeds from `seed` (or 0) on; all by default.
         commits: only runs that were made by these commits, by their first digits; all by default.
@@ -109,22 +109,27 @@ def load_runs(
         The runs, sorted by method, slug and seed.
 
     Raises:
-        UserError: nothing finished was found, a method or commit that was asked for has no finished run, or runs of
-            one setting, method and slug come from different configurations.
+        UserError: nothing finished was found, a method, variant or commit that was asked for has no finished run, or
+            runs of one setting, method and slug come from different configurations.
     """
     first = seed or 0
     last = first + replicas if replicas is not None else None
     rows: list[dict[str, Any]] = []
     unfinished: list[Path] = []
     settings: dict[str, str] = {}
-    for folder in sorted((output / experiment).glob("*/*/seed-*")):
+    every = sorted((output / experiment).glob("*/*/seed-*"))
+    wanted = set[str]()
+    if slugs and every:
+        asked = {folder.parent.name for folder in every if not methods or folder.parent.parent.name in methods}
+        wanted = choose_variants(slugs, asked | set(map(variant, asked)), experiment)
+    for folder in every:
         suffix = folder.name.removeprefix("seed-")
         if not suffix.isdecimal():
             continue
         number = int(suffix)
         if (
             (methods and folder.parent.parent.name not in methods)
-            or (slugs and not {folder.parent.name, variant(folder.parent.name)} & set(slugs))
+            or (slugs and not {folder.parent.name, variant(folder.parent.name)} & wanted)
             or number < first
             or (last is not None and number >= last)
         ):

@@ -48,7 +48,7 @@ class Scale:
         else:
             digits = 2 - math.floor(math.log10(sizes.min() / 10**exponent)) if len(sizes) else 0
         decimals = min(max(digits, 0), 3)
-        last = 10.0 ** (exponent - decimals)  # the unit of the last digit
+        last = cls(exponent, decimals)._last
         clear = pd.concat([spreads, sizes[~(errors >= means.abs())]])
         return cls(exponent, decimals, bool((sizes >= DIGITS * last).any() or (clear < 0.5 * last).any()))
 
@@ -66,14 +66,23 @@ class Scale:
         return _fixed(value / 10**self.exponent, self.decimals, signed)
 
     def with_error(self, mean: float, error: float) -> str:
-        """`mean ± standard error`, or the mean alone where there is no error."""
-        if pd.isna(error):
-            return self.number(mean)
-        if not self.wide:
-            return f"{self.number(mean)} ± {self.number(error)}"
-        power, decimals = _power(max(abs(mean), error)), _digits(error or mean)
-        numbers = " ± ".join(_fixed(value / 10**power, _kept(decimals, power)) for value in (mean, error))
+        """`mean ± standard error`, or the mean alone where there is no error; only what is zero is printed as zeros."""
+        known = [value for value in (mean, error) if not pd.isna(value)]
+        if not any(known):
+            return " ± ".join("0" for _ in known) or UNKNOWN
+        if not self.wide and any(abs(value) >= 0.5 * self._last for value in known):
+            return " ± ".join(map(self.number, known))
+        known = [value / (1 if self.wide else 10.0**self.exponent) for value in known]
+        if len(known) == 1:
+            return _alone(known[0], _digits(known[0]), False)
+        power, decimals = _power(max(map(abs, known))), _digits(known[1] or known[0])
+        numbers = " ± ".join(_fixed(value / 10**power, _kept(decimals, power)) for value in known)
         return f"({numbers})×10{_raised(power)}" if power else numbers
+
+    @property
+    def _last(self) -> float:
+        """The unit of the last digit."""
+        return 10.0 ** (self.exponent - self.decimals)
 
     def ends(self, interval: Interval, signed: bool = False) -> str:
         """`[low, high]`, or nothing where there is no interval."""

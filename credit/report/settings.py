@@ -31,12 +31,6 @@ TRAINER = "trainer"
 GIVEN = "demonstrations_from"  # steps that every method starts from: of the problem, where a run has them
 BUDGET = ("steps", "episodes")
 
-# tuned.window and tuned.noise reach nothing but the feedback
-_MAKES_SETTING = re.compile(
-    rf"[+~]*(({'|'.join(PROBLEM)})[.=@]|tuned\.(window|noise)=|{TRAINER}\.(?!({'|'.join(SCHEDULE)})=)|{GIVEN}=)"
-)
-# a comma stands before another override only where a key follows: lists have commas too
-_BETWEEN = re.compile(r",(?=[+~]|[^,=]*=)")
 _LONGEST = 100  # letters of a name, which becomes part of file names
 
 Values = Mapping[str, Any]
@@ -55,16 +49,6 @@ class Setting:
     name: str = ""
     words: str = ""
     own: Values = field(default_factory=dict)
-
-
-def variant(slug: str) -> str:
-    """What a slug says of a method, without the overrides that make the setting: `default` where nothing is left.
-
-    Args:
-        slug: the name of a run's folder, overrides separated by commas.
-    """
-    kept = [part for part in _BETWEEN.split(slug) if not _MAKES_SETTING.match(part)]
-    return ",".join(kept) or "default"
 
 
 def read_setting(folder: Path) -> str:
@@ -123,7 +107,7 @@ def name_settings(texts: Iterable[str]) -> dict[str, Setting]:
         more = {key: typed(one[key]) for key in telling[text]}
         short = [f"{_end(key) if ends.count(_end(key)) == 1 else key}={value}" for key, value in more.items()]
         found[text] = Setting(
-            name=_file_name("-".join([*classes.values(), *short])),
+            name=file_name("-".join([*classes.values(), *short])),
             words=" ".join(f"{key}={value}" for key, value in {**classes, **more}.items()),
             own={key: value for key, value in one.items() if key not in common},
         )
@@ -256,6 +240,7 @@ def _telling(values: Values, every: Collection[Values]) -> list[str]:
     return [*found, *([GIVEN] if GIVEN in values and not _shared(every, GIVEN) else [])]
 
 
-def _file_name(name: str) -> str:
+def file_name(name: str) -> str:
+    """A name that files can have; a long one ends in a checksum."""
     name = re.sub(r"[^\w=.,+-]+", "-", re.sub(r"[][{}\"]", "", name))
     return name if len(name) <= _LONGEST else f"{name[: _LONGEST - 9]}-{zlib.crc32(name.encode()):08x}"

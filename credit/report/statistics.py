@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-Array = NDArray[np.float64]
+from credit.runs.intervals import CONFIDENCE, Array, Bounds, mean_interval
 
-CONFIDENCE = 0.95
 DRAWS = 10_000
 ROUNDING = 1e-12  # differences of scores that are closer than this, as a share of the scores, are the same
 
@@ -61,24 +60,6 @@ def pooled(amounts: ArrayLike, bases: ArrayLike) -> Array:
         return np.full_like(a, np.nan)
     ratio = a.sum() / b.sum()
     return np.asarray(ratio + (a - ratio * b) / b.mean())
-
-
-def mean_band(values: ArrayLike) -> tuple[Array, Array, Array]:
-    """Pointwise mean and t-interval over seeds, x̄ ± t(n−1) s/√n.
-
-    Args:
-        values: [n, ...] one curve a seed.
-
-    Returns:
-        Mean, lower and upper end, each [...]; the ends are NaN for n = 1.
-    """
-    x = np.asarray(values, dtype=float)
-    mean = x.mean(axis=0)
-    if len(x) < 2:
-        return mean, np.full_like(mean, np.nan), np.full_like(mean, np.nan)
-    quantile = special.stdtrit(len(x) - 1, (1 + CONFIDENCE) / 2)
-    half = quantile * x.std(axis=0, ddof=1) / np.sqrt(len(x))
-    return mean, mean - half, mean + half
 
 
 def interquartile_mean(scores: ArrayLike) -> Array:
@@ -139,14 +120,15 @@ def pair_by_seed(
     return np.asarray(scores_x, dtype=float)[left], np.asarray(scores_y, dtype=float)[right]
 
 
-def paired_difference(x: ArrayLike, y: ArrayLike) -> Interval:
-    """Mean of d = x − y over paired seeds with its t-interval, d̄ ± t(n−1) s_d/√n.
+def paired_difference(x: ArrayLike, y: ArrayLike, bounds: Bounds | None = None) -> Interval:
+    """Mean of d = x − y over paired seeds with its 95% interval, d̄ ± t(n−1) s_d/√n, or within bounds.
 
     Source: the paired t-test (Student 1908). Pairing removes what the seed does to both methods alike.
 
     Args:
         x: [n] scores of a method.
         y: [n] scores of the reference, on the same seeds in the same order.
+        bounds: between which a difference lies, as for rates.
 
     Returns:
         The mean difference and its interval; NaN throughout for n = 0. The ends are NaN where all seeds differ by the
@@ -155,7 +137,7 @@ def paired_difference(x: ArrayLike, y: ArrayLike) -> Interval:
     d = np.asarray(x, dtype=float) - np.asarray(y, dtype=float)
     if d.size == 0:
         return Interval(float("nan"), float("nan"), float("nan"))
-    mean, low, high = mean_band(d)
+    mean, low, high = mean_interval(d, bounds)
     if np.ptp(d) <= ROUNDING * max(np.abs(x).max(), np.abs(y).max()):
         return Interval(float(mean), float("nan"), float("nan"))
     return Interval(float(mean), float(low), float(high))

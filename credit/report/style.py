@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import textwrap
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
@@ -18,6 +20,8 @@ from credit.runs.palette import COLOURS
 
 # For methods from elsewhere; those that ship have their colours in the palette.
 SPARE = ("#117733", "#aa4499", "#661100", "#44aa99", "#6699cc", "#806000")
+PER_INCH = 13  # letters of a title
+MOST = 4.0  # times that a shared axis may be longer than what a panel needs
 DASHES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))
 SETTINGS: dict[Any, Any] = {
     "font.size": 9,
@@ -41,6 +45,34 @@ def colours(methods: Iterable[str]) -> dict[str, str]:
     others = sorted(names - COLOURS.keys())
     chosen = {name: SPARE[index % len(SPARE)] for index, name in enumerate(others)}
     return chosen | {name: COLOURS[name] for name in names & COLOURS.keys()}
+
+
+def shade(colour: str, number: int) -> str:
+    """A colour for what is of the same kind: itself, then darker and lighter ones."""
+    target, share = [(0.0, 0.0), (0.0, 0.45), (1.0, 0.45), (0.0, 0.7)][number % 4]
+    red, green, blue = (part + share * (target - part) for part in to_rgb(colour))
+    return str(to_hex((red, green, blue)))
+
+
+def shared(ranges: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Limits of panels: one for all, so that they can be read across, unless it would squeeze one to a fourth.
+
+    Args:
+        ranges: what each would have alone.
+    """
+    low, high = min(low for low, _ in ranges), max(high for _, high in ranges)
+    squeezed = any((end - start) * MOST < high - low for start, end in ranges)
+    return list(ranges) if squeezed else [(low, high)] * len(ranges)
+
+
+def share(panels: Sequence[Axes]) -> None:
+    """The same horizontal limits for all panels, as `shared` says, where all are linear, or all logarithmic."""
+    scales = {panel.get_xscale() for panel in panels}
+    if scales in ({"linear"}, {"log"}):
+        scale = panels[0].xaxis.get_transform()
+        ranges = [scale.transform(panel.get_xlim()) for panel in panels]
+        for panel, limits in zip(panels, shared([(low, high) for low, high in ranges]), strict=True):
+            panel.set_xlim(*scale.inverted().transform(limits))
 
 
 @contextmanager
@@ -110,6 +142,16 @@ def spread_out(axes: Axes, scores: NDArray[np.float64]) -> str:
     return remark
 
 
+def wrapped(words: str, inches: float) -> str:
+    """A line of text as lines that are not wider."""
+    return textwrap.fill(words, max(int(inches * PER_INCH), 20), break_long_words=True, break_on_hyphens=False)
+
+
+def entitle(figure: Figure, words: str) -> None:
+    """Write what a figure is about above it, at its left."""
+    figure.suptitle(wrapped(words, figure.get_figwidth()), fontsize=9.5, x=0.01, ha="left")
+
+
 def save(figure: Figure | None, folder: Path, name: str) -> list[Path]:
     """Write a figure as PNG (200 dpi) and SVG; the same figure gives the same bytes.
 
@@ -152,7 +194,10 @@ def _spread(wanted: list[tuple[float, float]]) -> list[float]:
 
 
 def _middle(cluster: list[tuple[float, float]]) -> float:
-    return sum(place for place, _ in cluster) / len(cluster)
+    """Where its labels want it, as far as it stays beside the panel: what leaves it makes the panel smaller."""
+    half = _height(cluster) / 2
+    wanted = sum(place for place, _ in cluster) / len(cluster)
+    return min(max(wanted, half), 1 - half) if half < 0.5 else 0.5
 
 
 def _height(cluster: list[tuple[float, float]]) -> float:

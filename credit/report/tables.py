@@ -44,7 +44,7 @@ class Grid:
 
 def grids(comparison: Comparison) -> list[Grid]:
     """The cells as tables: means beside the paper's, what sets the methods apart, and by other measures."""
-    more = comparison.reference is not None and len(comparison.contrasted) > 1
+    more = comparison.reference.key is not None and len(comparison.contrasted) > 1
     return [_means(comparison), _contrasts(comparison), *([_differences(comparison)] if more else [])]
 
 
@@ -168,7 +168,7 @@ def _contrasts(comparison: Comparison) -> Grid:
         "IQM",
         *([f"Trapped (>{comparison.trapped_above:g})"] if comparison.counts_trapped else []),
     ]
-    if comparison.reference:
+    if comparison.reference.key:
         header += [f"Difference to {comparison.reference_name}", "Pairs", "P(improvement)"]
     rows = []
     for row in comparison.rows:
@@ -177,7 +177,7 @@ def _contrasts(comparison: Comparison) -> Grid:
             cells.append((UNKNOWN if pd.isna(row["trapped"]) else f"{row['trapped']:.0f} of {row['n']}", ""))
         if comparison.is_reference(row):
             cells += [("reference", ""), (UNKNOWN, ""), (UNKNOWN, "")]
-        elif comparison.reference:
+        elif comparison.reference.key:
             pairs = row.get("difference_n", float("nan"))
             cells += [
                 _interval(scale, row, "difference", signed=True),

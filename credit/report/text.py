@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import pandas as pd
 
 from credit.report.comparison import Comparison, interval_of
@@ -9,6 +11,9 @@ from credit.report.measures import AUC, AUC_OF_RETURN, Measure
 from credit.report.provenance import differing_code
 from credit.report.runs import Runs
 from credit.report.settings import common_values, describe
+
+FEW = 10  # seeds below which intervals are rough
+_KINDS = {True: "score interval (of rates)", False: "t-interval"}
 
 
 def heading(runs: Runs) -> str:
@@ -20,6 +25,12 @@ def in_common(*comparisons: Comparison) -> str:
     """The problem and the budget that all runs of a report share, in one line."""
     settings = {str(comparison.runs.frame["setting"].iloc[0]) for comparison in comparisons}
     return f"In common: {describe(common_values(settings)) or 'nothing'}."
+
+
+def span(numbers: Iterable[int]) -> str:
+    """`5`, or `3–5` where they differ; empty without any."""
+    ends = sorted({*numbers})
+    return "–".join(str(end) for end in dict.fromkeys(ends[:1] + ends[-1:]))
 
 
 def remarks(comparison: Comparison) -> list[str]:
@@ -35,7 +46,7 @@ def caption(*comparisons: Comparison) -> str:
 
 def sentences(comparison: Comparison) -> list[str]:
     """What may be said about the differences to the reference, and what was left out."""
-    lines = [*remarks(comparison), *_differences(comparison)]
+    lines = [*remarks(comparison), *_chosen(comparison), *_differences(comparison)]
     for row in comparison.rows:
         for measure in comparison.measures:
             known = row[f"{measure.metric}/n"]
@@ -46,18 +57,41 @@ def sentences(comparison: Comparison) -> list[str]:
     return lines
 
 
+def _chosen(comparison: Comparison) -> list[str]:
+    """Which rows are shown, what they are compared to, and from how few seeds."""
+    lines = []
+    if left := comparison.left_out:
+        lines.append(
+            f"Shown are the best by {comparison.primary.title.lower()}, {left} {'row is' if left == 1 else 'rows are'} "
+            "left out: the same seeds chose them, which flatters them."
+        )
+    if comparison.reference.remark:
+        lines.append(comparison.reference.remark)
+    elif comparison.reference.key and not any(row["name"] == comparison.reference_name for row in comparison.rows):
+        lines += [f"The reference is {row['name']}." for row in comparison.rows if comparison.is_reference(row)]
+    seeds = span(int(row["n"]) for row in comparison.rows if 1 < row["n"] < FEW)
+    if seeds:
+        lines.append(f"Few seeds ({seeds}): an interval from fewer than {FEW} is rough.")
+    return lines
+
+
+def _kind(comparison: Comparison) -> str:
+    """How intervals of differences are made."""
+    return " or ".join(dict.fromkeys(_KINDS[measure.rate] for measure in comparison.contrasted))
+
+
 def _explained(comparison: Comparison) -> list[str]:
     parts = ["± is one standard error over seeds"]
     if comparison.paper:
         parts.append(f"[mean ± s.e.] is from {comparison.paper.source}, {comparison.paper.seeds} seeds")
     parts.append("IQM is the interquartile mean with a 95% bootstrap interval over seeds")
-    if comparison.reference:
+    if comparison.reference.key:
         direction = "lower" if comparison.primary.lower_is_better else "higher"
         parts.append(
-            f"differences to {comparison.reference_name} are paired by seed, with a 95% t-interval; "
+            f"differences to {comparison.reference_name} are paired by seed, with a 95% {_kind(comparison)}; "
             f"P(improvement) is the probability that a run of the method has the {direction} "
             f"{comparison.primary.title.lower()} of two runs with different seeds, with a 95% bootstrap interval over "
-            f"seeds, each with the runs of both methods where it has both (rough for fewer than ten seeds)"
+            "seeds, each with the runs of both methods where it has both"
         )
     if comparison.counts_trapped:
         parts.append(f"trapped seeds end with a regret above {comparison.trapped_above:g}")
@@ -75,8 +109,8 @@ def _explained(comparison: Comparison) -> list[str]:
 
 
 def _differences(comparison: Comparison) -> list[str]:
-    if comparison.reference is None:
-        return ["No run of the reference method is among these: no differences are shown."]
+    if comparison.reference.key is None:
+        return []
     told = [comparison.primary, *({AUC, AUC_OF_RETURN} & set(comparison.contrasted[1:]))]
     lines = [line for measure in told for line in _verdicts(comparison, measure)]
     apart = [row["name"] for row in comparison.rows if row.get("difference_n") == 0]

@@ -186,6 +186,7 @@ def _facts(
         "config_hash": jobs.identity(config),
         "config": dict(config),
         "overrides": list(overrides),
+        "rates": dict(trainer.judge.rates),
         "data": {
             name: dict(zip(map(str, group.seeds), digests, strict=True))
             for name, digests in {

@@ -13,6 +13,7 @@ from credit.core.windows import Windows
 from credit.envs.collect import Collector
 from credit.judges.choose import judge
 from credit.rounds import problem_of
+from credit.runs.intervals import is_rate
 from credit.testing.cases import Case
 from credit.testing.expect import expect, finite, shaped
 from credit.testing.short import SEEDS
@@ -34,6 +35,8 @@ def environment(case: Case) -> None:
     expect(judged.metric in values, f"the judge measured {sorted(values)}, and not {judged.metric}")
     for name, value in values.items():
         shaped(value, (2,), f"the metric {name}")
+        if is_rate(name, judged.rates, values):
+            expect(not ((value < 0) | (value > 1)).any(), f"the judge calls {name} a rate, and it is {value.tolist()}")
     grid = env.grid()
     expect(grid is None or len(grid.states) == len(grid.actions), "grid() has not as many states as actions")
     expect(isinstance(env.picture(1), dict), "picture() must be a dict")

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from scipy.special import stdtrit
+
+from credit.runs.intervals import SHARE, is_rate, mean_interval
 
 SECONDS = "time/seconds"
 
@@ -71,12 +73,13 @@ def _finite(names: list[str], cells: list[str]) -> dict[str, float]:
     return {name: value for name, value in values if math.isfinite(value)}
 
 
-def mean_rows(journals: list[list[Row]], after: int = -1) -> list[Row]:
-    """The mean over runs of every metric, with its 95% t-interval.
+def mean_rows(journals: list[list[Row]], after: int = -1, rates: Mapping[str, str] | None = None) -> list[Row]:
+    """The mean over runs of every metric, with its 95% interval; that of a rate stays in [0, 1].
 
     Args:
         journals: the rows of each run.
         after: only steps beyond this one.
+        rates: what the runs' judge declares to be rates; a session of before says nothing of it.
 
     Returns:
         A row for each step that all runs have reached, with the metrics that all of them know there: `m` is
@@ -86,21 +89,20 @@ def mean_rows(journals: list[list[Row]], after: int = -1) -> list[Row]:
     if not tables:
         return []
     steps = sorted(set.intersection(*(set(table) for table in tables)))
-    return [_mean_row(step, [table[step].values for table in tables]) for step in steps]
+    return [_mean_row(step, [table[step].values for table in tables], rates or {}) for step in steps]
 
 
-def _mean_row(step: int, runs: list[dict[str, float]]) -> Row:
+def _mean_row(step: int, runs: list[dict[str, float]], rates: Mapping[str, str]) -> Row:
     names = [name for name in runs[0] if all(name in values for values in runs)]
     table = np.array([[values[name] for name in names] for values in runs])
-    mean = table.mean(axis=0)
-    values = dict(zip(names, mean.tolist(), strict=True))
+    values = dict(zip(names, table.mean(axis=0).tolist(), strict=True))
     if SECONDS in values:
         values[SECONDS] = max(run[SECONDS] for run in runs)
-    count = len(runs)
-    if count > 1:
-        half = stdtrit(count - 1, 0.975) * table.std(axis=0, ddof=1) / math.sqrt(count)
-        for name, middle, width in zip(names, mean.tolist(), half.tolist(), strict=True):
+    if len(runs) > 1:
+        within = np.array([is_rate(name, rates, names) for name in names], dtype=bool)
+        ends = np.where(within, mean_interval(table, SHARE)[1:], mean_interval(table)[1:])
+        for name, low, high in zip(names, *ends.tolist(), strict=True):
             if not name.startswith("time/"):
                 stem = f"interval/{name.replace('/', '_')}"
-                values[f"{stem}_low"], values[f"{stem}_high"] = middle - width, middle + width
+                values[f"{stem}_low"], values[f"{stem}_high"] = low, high
     return Row(step, values)

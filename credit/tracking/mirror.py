@@ -128,7 +128,7 @@ class Mirror:
                 key=key,
                 experiment=job["experiment"],
                 card=job_card(session, job, parent),
-                rows=partial(mean_rows, runs),
+                rows=partial(mean_rows, runs, rates=job.get("rates")),
                 status=job["status"],
                 finished=finished,
                 texts=(("config.yaml", config),),

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from credit.tracking.store import open_experiment, quiet_environment, resolve_uri
+from credit.tracking.store import dashboard, open_experiment, quiet_environment, resolve_uri
 
 MAX_METRICS = 1000
 
@@ -32,7 +32,7 @@ def log_beside_runs(output: Path, experiment: str, folder: Path, metrics: Mappin
     except Exception as error:  # a store that is down must not cost the user the report
         reason = (str(error).splitlines() or [""])[0]
         return f"Not logged to MLflow: {type(error).__name__}: {reason}"
-    return "Logged to MLflow as run `compare`; look at it with `credit dashboard`."
+    return f"Logged to MLflow as run `compare`; look at it with `{dashboard(output, tracking['uri'])}`."
 
 
 def log_report(output: Path, uri: str | None, experiment: str, folder: Path, metrics: Mapping[str, float]) -> str:

@@ -6,6 +6,7 @@ import fcntl
 import logging
 import os
 import re
+import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
 from json import JSONDecodeError
@@ -45,6 +46,20 @@ def resolve_uri(uri: str | None, output: Path) -> str:
     if uri.startswith(_SQLITE):
         return f"{_SQLITE}{Path(uri.removeprefix(_SQLITE)).resolve()}"
     return uri
+
+
+def dashboard(output: Path, uri: str | None) -> str:
+    """The command that opens this store.
+
+    Args:
+        output: the folder of the runs. uri: tracking URI; None is the store in this folder.
+    """
+    words = ["credit", "dashboard"]
+    if uri:
+        words.append(f"uri={uri if '@' not in uri else '…'}")  # a password is not printed
+    elif str(output) != "outputs":
+        words.append(f"output={output}")
+    return shlex.join(words)
 
 
 def reason(error: BaseException) -> str:

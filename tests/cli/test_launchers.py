@@ -44,6 +44,8 @@ def test_one_failing_job(site):
     assert rows == [["0", "done"], ["1", "failed"], ["2", "done"]]
     assert "jobs     2 done, 1 failed" in ended.stdout
     assert "seeds    0 done before, 0 resumed, 2 run" in ended.stdout
+    assert f"mend what failed, then credit resume {session(site).relative_to(site)}" in ended.stdout
+    assert "compare" not in ended.stdout
     assert status(site) == ["FAILED", "FINISHED", "FAILED", "FINISHED"]
 
 

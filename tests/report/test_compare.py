@@ -11,7 +11,7 @@ from credit.cli.compare import main
 from credit.core.errors import UserError
 from credit.report.compare import compare
 from credit.report.comparison import summarise
-from credit.report.figures import distribution_figure
+from credit.report.distribution import distribution_figure
 from credit.report.heatmaps import heatmaps_figure
 from credit.report.recovered import recovered_maps
 from credit.report.runs import load_runs
@@ -75,8 +75,8 @@ def test_heat_maps_of_one_seed_and_of_the_mean(output: Path):
     runs = load_runs(output, "advertiser")
     maps = [recovered_maps(runs), recovered_maps(runs, seed=2)]
     mean, one = [heatmaps_figure(each) for each in maps if each is not None]
-    assert mean.get_suptitle() == "Disagreement-UCB, end of training, mean over 4 seeds"
-    assert one.get_suptitle() == "Disagreement-UCB, end of training, seed 2"
+    assert mean.get_suptitle() == "advertiser: Disagreement-UCB, end of training, mean over 4 seeds"
+    assert one.get_suptitle() == "advertiser: Disagreement-UCB, end of training, seed 2"
     titles = [re.sub(r" \(.*", "", axes.get_title("left") or axes.get_title()) for axes in mean.axes]
     rewards = ["True reward", "Ridge reward", "Linear reward", "Mixed reward"]
     assert [title for title in titles if title] == [*rewards, "Weight of ridge"]
@@ -89,6 +89,48 @@ def test_large_tables_are_not_drawn(write_run: WriteRun, tmp_path: Path):
     arrays = recovery_arrays(np.random.default_rng(0), states=40, actions=8)
     write_run("disagreement", 0, {"regret/cumulative": -3.0}, recovery=arrays)
     assert recovered_maps(load_runs(tmp_path / "outputs", "advertiser")) is None
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_a_report_on_some_runs_does_not_replace_that_on_all(output: Path):
+    whole = compare(output, "advertiser")
+    before = [path.read_bytes() for path in whole.files]
+    some = compare(output, "advertiser", methods=["reference", "block"], seed=1, where={"trainer.steps": 14000})
+    assert some.folder.name == "advertiser-method=reference,block-trainer.steps=14000-seed=1"
+    assert compare(output, "advertiser", best=1).folder.name == "advertiser-best=1"
+    assert [path.read_bytes() for path in whole.files] == before
+    # how the same runs are shown is no choice of runs
+    shown = compare(output, "advertiser", reference="block", sort="regret/cumulative", trapped_above=100)
+    assert shown.folder == whole.folder
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_a_report_goes_where_it_is_told(output: Path, tmp_path: Path):
+    folder = tmp_path / "paper" / "figures"
+    assert main([f"output={output}", f"report={folder}", "tracking=none"]) == 0
+    assert {path.name for path in folder.iterdir()} == {"table.md", "table.csv", "table.tex", "runs.csv"}
+    assert main([f"output={output}", f"report={folder}", "method=block", "tracking=none"]) == 0
+    assert "Ridge" not in (folder / "table.md").read_text(encoding="utf-8")
+    assert not (output / "reports").exists()
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_a_report_is_never_written_over_other_files(output: Path, tmp_path: Path):
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    (folder / "maps_of_italy.svg").write_text("mine", encoding="utf-8")
+    with pytest.raises(UserError, match="has files that are no report's; name a new or an empty folder"):
+        compare(output, "advertiser", report=folder)
+    assert [path.name for path in folder.iterdir()] == ["maps_of_italy.svg"]
+    with pytest.raises(UserError, match=r"maps_of_italy\.svg is a file; name a folder"):
+        compare(output, "advertiser", report=folder / "maps_of_italy.svg")
+
+
+def test_a_word_that_is_given_twice_is_an_error(output: Path):
+    with pytest.raises(UserError, match="seed is given twice, the second time in 'seed=2'"):
+        main([f"output={output}", "seed=1", "seed=2"])
+    with pytest.raises(UserError, match=r"trainer\.steps is given twice"):
+        main([f"output={output}", "trainer.steps=1", "trainer.steps=2"])
 
 
 def test_figures_that_are_no_longer_drawn_do_not_stay(tmp_path: Path):
@@ -139,6 +181,10 @@ def test_help_names_every_key_without_loading_pandas():
         "experiment",
         "method",
         "slug",
+        "variant",
+        "sort",
+        "best",
+        "report",
         "feedback",
         "env.KEY",
         "commit",

@@ -121,14 +121,14 @@ def test_trajectories_by_time_and_by_success(figures: dict[str, Figure | None]):
         assert lines(axes).get_colors()[:, :3].tolist() == [list(shade) for shade in shades]
         reached = int(arrays[f"{part}/labels"].sum())
         assert f"{reached} of {len(shades)} reach the goal" in axes.get_title("left")
-    assert figure.get_suptitle() == "Delayed SAC, median seed 1"
+    assert figure.get_suptitle() == "pointmaze: Delayed SAC, median seed 1"
 
 
 @pytest.mark.thorough
 def test_a_seed_can_be_chosen(shared: Path):
     figures = draw(shared, seed=2)
     titles = [figures[name].get_suptitle() for name in ("trajectories_delayed", "maps_disagreement")]  # type: ignore[union-attr]
-    assert titles == ["Delayed SAC, seed 2", "Disagreement-SAC, seed 2"]
+    assert titles == ["pointmaze: Delayed SAC, seed 2", "pointmaze: Disagreement-SAC, seed 2"]
     with pytest.raises(UserError, match=r"diagnostics_seed=7 is not among the finished seeds of Delayed SAC: 0 to 2"):
         draw(shared, seed=7)
 
@@ -221,7 +221,7 @@ def test_variants_have_pictures_of_their_own_and_every_maze_its_demonstrations(t
 @pytest.mark.thorough
 def test_old_pictures_do_not_stay(tmp_path: Path):
     output = write_all(tmp_path)
-    folder = output / "reports" / "pointmaze"
+    folder = output / "reports" / "pointmaze-method=reference"
     folder.mkdir(parents=True)
     for name in ("trajectories_gone", "maps_gone", "policy_gone_seed-0"):
         (folder / f"{name}.svg").touch()

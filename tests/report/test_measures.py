@@ -8,7 +8,17 @@ from credit.core.errors import UserError
 from credit.core.seams import Judge
 from credit.judges.exact import AverageReward, Episodic
 from credit.judges.rollouts import Rollouts
-from credit.report.measures import choose_measures
+from credit.report.measures import (
+    AVERAGED,
+    CONTINUING,
+    EPISODIC,
+    RETURN_ROUNDS,
+    SUCCESS,
+    SUCCESS_ROUNDS,
+    WORTH,
+    choose_measures,
+)
+from credit.runs.intervals import is_rate
 
 KNOWN = ("eval/auc", "eval/final", "eval/return", "eval/length", "return/label")
 
@@ -23,6 +33,15 @@ def test_the_metric_that_is_asked_for_comes_first() -> None:
     assert choose_measures((*KNOWN, "eval/success"), "mine", "eval/auc")[0].title == "AUC of success"
     with pytest.raises(UserError, match=r"metric=eval/nothing: runs can be ranked by eval/auc, eval/final, .*"):
         choose_measures(KNOWN, "mine", "eval/nothing")
+
+
+def test_what_a_judge_declares_a_rate_is_drawn_and_bounded_as_one() -> None:
+    declared = {**AverageReward.rates, **Rollouts.rates}
+    every = {*CONTINUING, *EPISODIC, *SUCCESS_ROUNDS, SUCCESS, AVERAGED, WORTH}
+    for measure in every:
+        if not measure.per:  # a share of rounds, of which the judge gives both counts
+            assert is_rate(measure.metric, declared, ["eval/success"]) is measure.rate, measure.metric
+    assert not any(measure.rate for measure in RETURN_ROUNDS)
 
 
 @pytest.mark.parametrize("judge", [AverageReward, Episodic, Rollouts])

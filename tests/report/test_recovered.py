@@ -61,9 +61,8 @@ def test_large_tables_are_averaged_over_two_axes(
     maps = maps_of(write_run, tmp_path, files)
     assert maps is not None
     assert (maps.axes, maps.by_cell, len(maps.blocks)) == (("ward", "dose"), False, 1)
-    assert (
-        maps.title == "Disagreement-UCB, end of training, mean over 2 seeds, weighted by visits; hatched: never visited"
-    )
+    said = "end of training, mean over 2 seeds, weighted by visits; hatched: never visited"
+    assert maps.title == f"advertiser: Disagreement-UCB, {said}"
     block = maps.blocks[0]
     drawn = dict(zip(SMALL, block.rewards.values(), strict=True))
     for ward, dose in np.ndindex(3, 2):

@@ -23,8 +23,8 @@ from credit.report.settings import (
     name_settings,
     read_setting,
     values_of,
-    variant,
 )
+from credit.report.variants import variant
 from credit.trainer import Trainer
 
 from .conftest import BLOCK_SUM, ENV, TERMINAL, TRAINER, WriteRun

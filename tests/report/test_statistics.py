@@ -8,11 +8,11 @@ from credit.report.statistics import (
     interquartile_mean,
     iqm_interval,
     mean_and_error,
-    mean_band,
     pair_by_seed,
     paired_difference,
     probability_of_improvement,
 )
+from credit.runs.intervals import GAP, mean_interval
 
 
 def test_mean_and_error_by_hand():
@@ -26,17 +26,17 @@ def test_one_seed_has_a_mean_and_no_error():
     mean, error = mean_and_error([5.0])
     assert mean == 5.0
     assert np.isnan(error)
-    assert all(np.isnan(end).all() for end in mean_band([[1.0, 2.0]])[1:])
+    assert all(np.isnan(end).all() for end in mean_interval([[1.0, 2.0]])[1:])
     assert np.isnan(iqm_interval([5.0]).low)
     assert np.isnan(paired_difference([5.0], [4.0]).low)
 
 
-def test_mean_band_is_the_t_interval_of_scipy():
-    values = np.random.default_rng(0).normal(size=(7, 3))
-    mean, low, high = mean_band(values)
-    expected = stats.t.interval(0.95, 6, loc=values.mean(axis=0), scale=stats.sem(values, axis=0))
-    np.testing.assert_allclose(mean, values.mean(axis=0))
-    np.testing.assert_allclose([low, high], expected)
+def test_differences_of_rates_stay_within_theirs():
+    # two seeds, of which one has it all: Student's interval would end at −6.66 and 6.20
+    found = paired_difference([0.0, 0.9], [0.74, 0.62], GAP)
+    assert found.value == pytest.approx(-0.23)
+    assert -1 <= found.low < found.value < found.high <= 1
+    assert paired_difference([0.0, 0.9], [0.74, 0.62]).high > 6
 
 
 def test_interquartile_mean_by_hand():

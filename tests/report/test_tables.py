@@ -17,6 +17,8 @@ from credit.report.text import caption, sentences
 
 from .conftest import WriteRun
 
+NAN = float("nan")
+
 
 @pytest.fixture
 def comparison(write_run: WriteRun, tmp_path: Path) -> Comparison:
@@ -186,6 +188,20 @@ def test_scale_follows_size_and_error():
 def test_a_column_of_very_different_numbers_has_no_common_power(numbers: list[tuple[float, float]], printed: list[str]):
     scale = Scale.of(*(pd.Series(column) for column in zip(*numbers, strict=True)))
     assert (scale.wide, scale.unit) == (True, "")
+    assert [scale.with_error(*pair) for pair in numbers] == printed
+
+
+@pytest.mark.parametrize(
+    ("numbers", "printed"),
+    [
+        ([(0.2, 0.03), (0.0, 0.0)], ["0.200 ± 0.030", "0 ± 0"]),
+        ([(0.2, 0.03), (3e-17, 1e-17)], ["0.200 ± 0.030", "(3.0 ± 1.0)×10⁻¹⁷"]),
+        ([(0.002, 3e-4), (4e-30, 0.0)], ["2.00 ± 0.30", "(4.0 ± 0.0)×10⁻²⁷"]),  # by the thousand, as the title says
+        ([(0.3, NAN), (0.0, NAN), (2e-12, NAN)], ["0.300", "0", "2.0×10⁻¹²"]),
+    ],
+)
+def test_only_what_is_zero_is_printed_as_zero(numbers: list[tuple[float, float]], printed: list[str]):
+    scale = Scale.of(*(pd.Series(column) for column in zip(*numbers, strict=True)))
     assert [scale.with_error(*pair) for pair in numbers] == printed
 
 

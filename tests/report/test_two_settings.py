@@ -12,7 +12,8 @@ from rich.console import Console
 from credit.cli.compare import main
 from credit.report.compare import compare
 from credit.report.comparison import Comparison, metrics_of, summarise
-from credit.report.figures import curves_figure, distribution_figure
+from credit.report.distribution import distribution_figure
+from credit.report.figures import curves_figure
 from credit.report.published import load_paper
 from credit.report.runs import load_runs
 from credit.report.tables import csv, latex, markdown, runs_csv, terminal_tables

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from credit.tracking.report_run import log_beside_runs
+from credit.tracking.store import dashboard
 
 Calls = list[tuple[Any, ...]]
 
@@ -37,6 +38,26 @@ def test_the_newest_session_decides_where_to_log(tmp_path: Path, calls: Calls) -
     for started, untracked in ((3.0, None), (4.0, {"_target_": "credit.tracking.NoTracking"})):
         session(tmp_path, started, untracked)
         assert "was not tracked" in log_beside_runs(tmp_path, *given)
+    assert len(calls) == 1
+
+
+@pytest.mark.parametrize(
+    ("output", "uri", "command"),
+    [
+        ("outputs", None, "credit dashboard"),
+        ("my runs", None, "credit dashboard 'output=my runs'"),
+        ("outputs", "http://host:5000", "credit dashboard uri=http://host:5000"),
+        ("outputs", "postgresql://me:secret@host/db", "credit dashboard uri=…"),
+    ],
+)
+def test_a_store_is_opened_by_the_command_that_is_advised(output: str, uri: str | None, command: str) -> None:
+    assert dashboard(Path(output), uri).replace("'uri=…'", "uri=…") == command
+
+
+def test_the_advice_names_the_output(tmp_path: Path, calls: Calls) -> None:
+    session(tmp_path, 1.0, {"uri": None})
+    said = log_beside_runs(tmp_path, "advertiser", tmp_path / "reports", {})
+    assert f"`credit dashboard output={tmp_path}`" in said
     assert len(calls) == 1
 
 

@@ -239,10 +239,13 @@ class Judge(Component):
 
     Attributes:
         metric: the name of the figure by which methods are ranked. higher_is_better: its direction.
+        rates: its figures that are shares, in [0, 1], so that their intervals stay there. The first word is enough:
+            `policy/error` is `policy/error_greedy`, too. The value is another figure, without which it is none; or "".
     """
 
     metric: ClassVar[str]
     higher_is_better: ClassVar[bool]
+    rates: ClassVar[Mapping[str, str]] = {}
 
     @abstractmethod
     def update(self, windows: Windows, primitive: Tensor, agent: Agent, complete: bool = True) -> None:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from credit.report.comparison import Comparison, display_name, ordered_groups
+from credit.report.comparison import Comparison
+from credit.report.groups import display_name
 from credit.report.pointmaze.tracks import file_name, load_tracks, typical
 from credit.report.text import heading
 
@@ -36,8 +37,9 @@ def methods(comparisons: Sequence[Comparison]) -> Iterator[Shown]:
     for comparison in comparisons:
         if comparison.is_maze:
             setting = f" ({heading(comparison.runs)})" if comparison.runs.setting.name else ""
-            for method, slug, group in ordered_groups(comparison.runs):
-                yield Shown(comparison, group, display_name(group) + setting, method, slug)
+            for method, slug, group in comparison.groups:
+                title = f"{comparison.runs.experiment}: {display_name(group)}{setting}"
+                yield Shown(comparison, group, title, method, slug)
 
 
 def maze_figures(comparisons: Sequence[Comparison], seed: int | None) -> dict[str, Figure | None]:

@@ -17,6 +17,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from credit.envs.pointmaze.maze import Maze
+from credit.report import style
 from credit.report.pointmaze.pictures import draw_maze
 from credit.report.pointmaze.tracks import Journal, has_tracks, load_tracks
 from credit.report.reading import arrays
@@ -139,7 +140,7 @@ def beliefs_figure(title: str, beliefs: Beliefs) -> Figure:
         for axes, count in zip(part.axes[:columns], beliefs.trajectories, strict=True):
             when = f"after {count} trajectories" if count else "demonstrations only"
             axes.set_title(when, fontsize=8, fontweight="normal", loc="center")
-    figure.suptitle(title, fontsize=10, x=0.01, ha="left")
+    style.entitle(figure, title)
     return figure
 
 

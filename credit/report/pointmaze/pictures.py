@@ -16,7 +16,8 @@ from matplotlib.patches import Circle, Rectangle
 
 from credit.envs.pointmaze.maze import Cell, Maze
 from credit.envs.pointmaze.task import RADIUS
-from credit.report.comparison import Comparison, ordered_groups
+from credit.report import style
+from credit.report.comparison import Comparison
 from credit.report.pointmaze.tracks import Journal, Tracks, counted, has_tracks, load_tracks
 
 KINDS = {"success": "#009e73", "partial": "#e69f00", "failure": "#aa4499", "unknown": "#6699cc"}
@@ -67,7 +68,7 @@ def demonstrations_figure(comparisons: Sequence[Comparison]) -> Figure | None:
     """
     journals: dict[object, Journal] = {}
     for comparison in comparisons:
-        for _, _, group in ordered_groups(comparison.runs):
+        for _, _, group in comparison.groups:
             folder = next(filter(has_tracks, group["folder"]), None)
             if folder is not None:
                 journal = load_tracks(folder)
@@ -118,7 +119,7 @@ def tracks_figure(title: str, journal: Journal) -> Figure:
         marks = [Line2D([], [], color=colour, label=word) for colour, word in words.items()]
         foot.legend(handles=marks, loc="upper center", ncols=2, frameon=False, fontsize=8)
         foot.set_axis_off()
-    figure.suptitle(title, fontsize=10, x=0.01, ha="left")
+    style.entitle(figure, title)
     return figure
 
 
