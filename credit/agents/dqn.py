@@ -69,6 +69,7 @@ class DQN(Seeing, Agent):
     actions: ClassVar[Kind] = "finite"
     setting: ClassVar[Setting] = "episodic"
     keeps: ClassVar = ("_online", "_target", "_adam", "_replay", "_stream", "_windows", "_steps", "_updates")
+    acts: ClassVar = ("_online",)
 
     def __init__(
         self,

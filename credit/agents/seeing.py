@@ -33,6 +33,9 @@ class Seeing(Stateful):
         if self.encoder is not None:
             self.encoder.observe(windows)
 
+    def _acting(self) -> tuple[str, ...]:
+        return super()._acting() if self.encoder is None or self.acts is None else (*super()._acting(), "encoder")
+
     def _names(self) -> tuple[str, ...]:
         """The encoder's state is kept with that of whatever sees through it."""
         return super()._names() if self.encoder is None else (*super()._names(), "encoder")
