@@ -33,8 +33,8 @@ class Seeing(Stateful):
         if self.encoder is not None:
             self.encoder.observe(windows)
 
-    def _acting(self) -> tuple[str, ...]:
-        return super()._acting() if self.encoder is None or self.acts is None else (*super()._acting(), "encoder")
+    def _looked_at(self) -> tuple[str, ...]:
+        return super()._looked_at() if self.encoder is None or self.acts is None else (*super()._looked_at(), "encoder")
 
     def _names(self) -> tuple[str, ...]:
         """The encoder's state is kept with that of whatever sees through it."""

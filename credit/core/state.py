@@ -47,7 +47,7 @@ class Stateful:
         """
         if self.acts is None and type(self).state_dict is not Stateful.state_dict:  # whose parts have names of its own
             return self.state_dict()
-        return self._packed(self._acting(), lean=True)
+        return self._packed(self._looked_at(), lean=True)
 
     def load_state_dict(self, state: Mapping[str, Packed]) -> None:
         """Go on from a state, after the same `start`.
@@ -72,7 +72,7 @@ class Stateful:
         kept = {name: value[:, : filled[name]] if name in filled else value for name, value in values.items()}
         return {name: pack(value, f"{type(self).__name__}.{name}", lean) for name, value in kept.items()}
 
-    def _acting(self) -> tuple[str, ...]:
+    def _looked_at(self) -> tuple[str, ...]:
         return self._names() if self.acts is None else self.acts
 
     def _names(self) -> tuple[str, ...]:

@@ -192,8 +192,9 @@ class KeptPolicy:
     def __repr__(self) -> str:
         """Which, of which run, in which spaces."""
         problem = self._kept.problem
-        spaces = f"{problem.observation_space} → {problem.action_space}"
-        return f"KeptPolicy({self._kept.source.parent.name}, {self._name}: {spaces})"
+        seen = f"{problem.states} states" if problem.finite_states else f"{problem.observations} numbers"
+        done = f"{problem.actions} actions" if problem.finite_actions else f"{problem.actions} numbers"
+        return f"KeptPolicy({self._kept.source.parent.name}, {self._name}: {seen} → {done})"
 
 
 def _batch(observation: Any) -> Any:

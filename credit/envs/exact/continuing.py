@@ -72,6 +72,15 @@ class TabularMDP:
         """The stationary distribution [S] of π*."""
         return solve.stationary(self.transition, self.optimal.policy, self.initial)
 
+    def gains(self, policies: Tensor) -> Tensor:
+        """The average reward of a step [R] under policies [R, S]; where there are several, that from the start on."""
+        rows = torch.arange(self.states)
+        every = [
+            (solve.stationary(self.transition, own, self.initial) * self.reward[rows, own]).sum()
+            for own in policies.cpu()
+        ]
+        return torch.stack(every)
+
     @cached_property
     def diameter(self) -> float:
         """D of appendix C.1.1, in steps."""
@@ -126,7 +135,7 @@ class TabularEnvironment(ExactEnvironment):
                 f"asks for {objective!r}; choose a feedback whose objective is 'sum', like block_sum"
             )
         mdp = self.mdp
-        return ContinuingTruth(float(mdp.optimal.gain), mdp.optimal.policy, mdp.occupancy, mdp.reward)
+        return ContinuingTruth(float(mdp.optimal.gain), mdp.optimal.policy, mdp.occupancy, mdp.reward, mdp.gains)
 
 
 class TabularGymEnv(gymnasium.Env[int, int]):

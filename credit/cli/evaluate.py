@@ -1,0 +1,107 @@
+"""`credit evaluate RUN`: what the kept policies of finished runs are worth, also in a changed environment."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from credit.cli.main import guarded
+from credit.cli.words import Reader, read_words, whole
+from credit.core.errors import UserError
+
+HELP = """\
+What the kept policies of finished runs are worth: return, label, and success where it is told.
+
+Usage: credit evaluate RUN... [KEY=VALUE ...]
+
+  RUN              the folder of a seed (…/seed-0), or of all seeds of a run; several are compared
+  episodes=N       of each seed, with random numbers that no run has seen            (100)
+  env.KEY=VALUE    another parameter of the environment, such as env.p_down=0.3
+  policy=NAME      another of a run's policies: greedy, averaged                     (behaviour)
+  seed=N           of the random numbers                                             (0)
+
+Where the environment knows P and r, policies are judged exactly, without episodes.
+
+Examples:
+  credit evaluate outputs/advertiser/disagreement/default
+  credit evaluate outputs/sepsis/{delayed,disagreement}/default env.horizon=8
+  credit evaluate outputs/pointmaze/reference/default/seed-0 episodes=20 policy=averaged
+"""
+READERS: dict[str, Reader] = {
+    "episodes": ("episodes", whole(1), "a whole number, 1 or more"),
+    "policy": ("policy", str, "the name of a policy, such as greedy"),
+    "seed": ("seed", whole(0), "a whole number, 0 or more"),
+}
+
+
+def main(argv: list[str]) -> int:
+    """Evaluate, and print a row a run."""
+    if {"-h", "--help"} & set(argv):
+        print(HELP, end="")
+        return 0
+    folders, changes, words = split(argv, "evaluate")
+    options = read_words(words, READERS, "evaluate")
+    from rich.console import Console
+    from rich.table import Table
+
+    from credit.report.evaluated import caption, summary
+    from credit.runs.evaluate import evaluate
+    from credit.runs.threads import limited
+
+    err = Console(stderr=True)
+    with limited(1), err.status("evaluating") as status:
+        found = evaluate(
+            folders, changes=changes, progress=lambda done, total: status.update(f"seed {done + 1} of {total}"), **options
+        )
+    exact, table = found.attrs["exact"], summary(found)
+    shown = Table(*["run", "seeds", *([] if exact else ["episodes"]), *found.columns], box=None, pad_edge=False)
+    for run, row in table.iterrows():
+        counts = [str(int(row[name])) for name in ("seeds", "episodes") if name in row]
+        shown.add_row(str(run), *counts, *(written(row, name) for name in found.columns))
+    console = Console(highlight=False, markup=False)
+    if not console.is_terminal:
+        console.width = 200
+    console.print(shown)
+    for line in caption(table, exact):
+        console.print(line, soft_wrap=True)
+    return 0
+
+
+def written(row: Any, name: str) -> str:
+    """A value with its interval."""
+    if row[f"{name}_low"] != row[f"{name}_low"]:
+        return f"{row[name]:.4g}"
+    return f"{row[name]:.4g} [{row[f'{name}_low']:.4g}, {row[f'{name}_high']:.4g}]"
+
+
+def split(argv: Sequence[str], command: str) -> tuple[list[Path], dict[str, Any], list[str]]:
+    """Folders (whose names may have = in them), parameters of the environment, and all other words.
+
+    Raises:
+        UserError: there is no folder, or a value cannot be read.
+    """
+    folders, changes, rest = list[Path](), dict[str, Any](), list[str]()
+    for word in argv:
+        key, equals, text = word.partition("=")
+        if Path(word).is_dir():
+            folders.append(Path(word))
+        elif "/" in key or not equals:
+            raise UserError(f"{word}: there is no such folder; give that of a run, such as …/default/seed-0")
+        elif key.startswith("env."):
+            try:
+                changes[key] = yaml.safe_load(text)
+            except yaml.YAMLError:
+                raise UserError(f"{word!r}: the value cannot be read; write it as for `credit train`") from None
+        else:
+            rest.append(word)
+    if not folders:
+        raise UserError(f"the folder of a run is needed; `credit {command} --help` says more")
+    return folders, changes, rest
+
+
+if __name__ == "__main__":
+    sys.exit(guarded("evaluate", sys.argv[1:]))
