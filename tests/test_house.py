@@ -39,7 +39,8 @@ BELOW: dict[str, set[str]] = {  # room → the rooms that it may import, beside 
     "bench": LOOP | READERS | {"config", "runs", "cli", ""},  # the last: `credit` itself, as its users have it
     "testing": LOOP | READERS | {"config", "runs", "cli"},
     "renamed": set(),
-    "": {"runs", "envs.registration", "core.version"},  # credit/__init__.py: `credit.run`, and our Gymnasium ids
+    "api": {"core", "config", "runs", "report", "cli"},  # what commands do, from Python
+    "": {"api", "runs", "envs.registration", "core"},  # credit/__init__.py: `credit.run`, and our Gymnasium ids
 }
 ONLY = {  # package → the rooms that know it
     "hydra": {"config", "cli"},

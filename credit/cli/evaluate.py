@@ -45,29 +45,36 @@ def main(argv: list[str]) -> int:
         return 0
     folders, changes, words = split(argv, "evaluate")
     options = read_words(words, READERS, "evaluate")
+    import pandas as pd
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
 
     from credit.report.evaluated import caption, summary
-    from credit.runs.evaluate import evaluate
+    from credit.runs.evaluate import changed, evaluate, seeds_of
+    from credit.runs.policies import read
     from credit.runs.threads import limited
 
-    err = Console(stderr=True)
-    with limited(1), err.status("evaluating") as status:
-        found = evaluate(
-            folders, changes=changes, progress=lambda done, total: status.update(f"seed {done + 1} of {total}"), **options
-        )
-    exact, table = found.attrs["exact"], summary(found)
-    shown = Table(*["run", "seeds", *([] if exact else ["episodes"]), *found.columns], box=None, pad_edge=False)
-    for run, row in table.iterrows():
-        counts = [str(int(row[name])) for name in ("seeds", "episodes") if name in row]
-        shown.add_row(str(run), *counts, *(written(row, name) for name in found.columns))
-    console = Console(highlight=False, markup=False)
+    console, kinds = Console(highlight=False, markup=False), dict[bool, list[Any]]()
     if not console.is_terminal:
-        console.width = 200
-    console.print(shown)
-    for line in caption(table, exact):
-        console.print(line, soft_wrap=True)
+        console.width = 160
+    places = [*dict.fromkeys(place for folder in folders for place in seeds_of(folder))]
+    for place in places:
+        changed(read(place)["config"], changes)  # all is looked at before the first is judged
+    with limited(1), Console(stderr=True).status("evaluating") as status:
+        for number, place in enumerate(places):  # one may be judged exactly, and the next not
+            status.update(f"{place.parent.name}: {number + 1} of {len(places)}")
+            found = evaluate(place, changes=changes, **options)
+            kinds.setdefault(found.attrs["exact"], []).append(found)
+    for exact, frames in kinds.items():
+        found = pd.concat(frames)
+        table, columns = summary(found), list(found.columns)
+        shown = Table(Column("run", overflow="fold"), "seeds", *([] if exact else ["episodes"]), *columns, box=None)
+        for run, row in table.iterrows():
+            counts = [str(int(row[name])) for name in ("seeds", "episodes") if name in row]
+            shown.add_row(str(run), *counts, *(written(row, name) for name in columns))
+        console.print(shown)
+        for line in caption(table, exact):
+            console.print(line, soft_wrap=True)
     return 0
 
 

@@ -16,7 +16,7 @@ class ContinuingTruth:
 
     Attributes:
         gain: g*, reward a step. policy: π* [S]. occupancy: its stationary distribution [S]. reward: r [S, A].
-        evaluate: policies, actions [R, S] → their rewards a step [R], from the start on.
+        evaluate: policies, actions [R, S] or probabilities [R, S, A] → their rewards a step [R], from the start on.
     """
 
     gain: float

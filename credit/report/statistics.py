@@ -261,20 +261,5 @@ def wilson(successes: int, trials: int) -> Interval:
     rate, z = successes / trials, float(special.ndtri((1 + CONFIDENCE) / 2))
     centre, scale = rate + z**2 / (2 * trials), 1 + z**2 / trials
     half = z * np.sqrt(rate * (1 - rate) / trials + (z / (2 * trials)) ** 2)
-    return Interval(rate, max(0.0, float((centre - half) / scale)), min(1.0, float((centre + half) / scale)))
-
-
-def mean_of_rates(rates: ArrayLike, *, draws: int = DRAWS, seed: int = 0) -> Interval:
-    """The mean of rates, one a seed, with its percentile bootstrap interval over seeds, which stays within [0, 1].
-
-    Args:
-        rates: [n], each in [0, 1]. draws: number of bootstrap samples. seed: of the resampling.
-
-    Returns:
-        The ends are NaN where seeds leave no spread: one alone, or all the same.
-    """
-    x = np.asarray(rates, dtype=float)
-    if x.size < 2 or not np.ptp(x):
-        return Interval(float(x.mean()), float("nan"), float("nan"))
-    samples = x[np.random.default_rng(seed).integers(x.size, size=(draws, x.size))].mean(axis=1)
-    return Interval(float(x.mean()), *_ends(samples))
+    low, high = float((centre - half) / scale), float((centre + half) / scale)
+    return Interval(rate, max(0.0, min(low, rate)), min(1.0, max(high, rate)))  # to rounding they are beyond it

@@ -1,8 +1,8 @@
-"""What the policies of finished runs are worth now: exactly where the environment knows, else in episodes of their own."""
+"""What policies of finished runs are worth: exactly where the environment knows, else in episodes of their own."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from credit.core.errors import UserError
-from credit.core.policy import Policy, tabulate
+from credit.core.policy import tabulate
 from credit.core.problem import FLOAT, Problem
 from credit.core.ranges import PositiveInt
 from credit.core.seams import Environment, Feedback
@@ -26,7 +26,6 @@ from credit.runs.policies import POLICY, Kept, read
 
 Changes = Mapping[str, Any]
 INDEX = ["run", "seed", "episode"]
-Progress = Callable[[int, int], None]
 
 
 def evaluate(
@@ -36,7 +35,6 @@ def evaluate(
     *,
     policy: str = "behaviour",
     seed: int = 0,
-    progress: Progress = lambda done, total: None,
 ) -> pd.DataFrame:
     """Judge the kept policies of runs, in their environment or in one with other parameters.
 
@@ -48,13 +46,14 @@ def evaluate(
         episodes: of each seed, where it plays.
         changes: parameters of the environment that differ, such as `{"env.p_down": 0.3}`.
         policy: which, where a run has several: `greedy` without bonus, `averaged`, …
-        seed: of the random numbers. progress: called with how many seeds are done, and of how many.
+        seed: of the random numbers.
 
     Returns:
-        A row an episode, indexed by run, seed and episode: `return`, `label` (the mean label of its windows, as the run's
-        feedback makes them), `length`, and `success` where the environment tells. Where it is exact, a row a seed:
-        `return` and `label` are expectations, and `best` and `random` those of the best policy and of uniform actions;
-        or, where the task goes on for ever, `reward` a step, and `best`. `frame.attrs["exact"]` says so.
+        A row an episode, indexed by run, seed and episode: `return`, `label` (the mean label of its windows, as the
+        run's feedback makes them), `length`, and `success` where the environment tells. Where it is exact, a row a
+        seed: `return` and, where that is another thing, `label` are expectations, and `best` and `random` those of the
+        best policy and of uniform actions; or, where the task goes on for ever, `reward` a step, and `best`.
+        `frame.attrs["exact"]` says so.
 
     Raises:
         UserError: a folder without a policy, a parameter that the environment does not have, or other spaces.
@@ -64,17 +63,21 @@ def evaluate(
     """
     if episodes < 1:
         raise UserError(f"episodes={episodes}: at least 1 is allowed")
-    places = [place for run in ([runs] if isinstance(runs, (str, Path)) else runs) for place in seeds_of(Path(run))]
+    given = [runs] if isinstance(runs, (str, Path)) else runs
+    places = [*dict.fromkeys(place for run in given for place in seeds_of(Path(run)))]
+    contents = [read(place) for place in places]
+    configs = [changed(content["config"], changes or {}) for content in contents]
     frames = list[pd.DataFrame]()
-    for number, place in enumerate(places):
-        progress(number, len(places))
-        content = read(place)
-        kept = Kept(content, place / POLICY, changed(content["config"], changes or {}))
+    for place, content, config in zip(places, contents, configs, strict=True):
+        kept = Kept(content, place / POLICY, config)
         found = exactly(kept, policy)
         frame = pd.DataFrame(episodes_of(kept, policy, episodes, seed) if found is None else [found])
         frames.append(frame.assign(run=str(place.parent), seed=kept.seed, exact=found is not None))
     frame = pd.concat(frames, ignore_index=True)
-    exact = bool(frame.pop("exact").all())
+    kinds = frame.pop("exact").unique()
+    if len(kinds) > 1:
+        raise UserError("some of these runs are judged exactly, and others play episodes: evaluate them apart")
+    exact = bool(kinds[0])
     frame["episode"] = frame.groupby(INDEX[:2]).cumcount()
     frame = frame.set_index(INDEX[:2] if exact else INDEX)
     frame = frame.drop(columns="episode", errors="ignore").dropna(axis=1, how="all")
@@ -133,8 +136,9 @@ def exactly(kept: Kept, name: str) -> dict[str, float] | None:
     if truth is None or table is None:
         return None
     if isinstance(truth, ContinuingTruth):
-        if table.dim() != 2:
-            return None
+        if table.dim() > 2 and not torch.equal(table, table[:, :1].expand_as(table)):
+            return None  # it looks at the step in a window
+        table = table if table.dim() == 2 else table[:, 0]
         return {"reward": float(truth.evaluate(table)), "best": truth.gain}
     by_step = table if table.dim() > 2 else table.unsqueeze(1).expand(-1, problem.horizon, -1)
     value = {"label": float(truth.evaluate(by_step)), "best": truth.best, "random": truth.random}
@@ -196,4 +200,6 @@ def labels_of(grid: Grid, feedback: Feedback, problem: Problem, numbers: np.rand
     length = torch.tensor([[len(window) for window in windows]], device=block.device)
     labels = feedback.label(block, length)[0].cpu().numpy() if windows else np.zeros(0)
     owners = np.array(whose)
-    return [float(labels[owners == k].mean()) if (owners == k).any() else float("nan") for k in range(len(grid.seen[0]))]
+    return [
+        float(labels[owners == k].mean()) if (owners == k).any() else float("nan") for k in range(len(grid.seen[0]))
+    ]

@@ -34,7 +34,7 @@ class Job:
         slug: name of the folder of its runs, by what differs from the method.
         demonstrations_from: steps that every replica is given before its first round: a file, a run's folder, or a
             Minari dataset. policy_from: the folder of a run whose agent every seed goes on from.
-        keep: what its folders hold beyond figures: its steps, its agents to go on from (its policy is kept in any case).
+        keep: what its folders hold beyond figures: its steps, its agents to go on from.
         sweep: what becomes of a sweep's other jobs. written_for: the only experiment of a method, where it has one.
     """
 

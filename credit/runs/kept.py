@@ -62,8 +62,10 @@ def step_columns(trainer: Trainer, replica: int) -> dict[str, NDArray[Any]]:
 
 
 def write_agent(trainer: Trainer, folder: Path) -> None:
-    """The agent of all seeds that were computed side by side as `agent.pt`, in the folder of the first: with all that it
-    learns by, and so large where it remembers much."""
+    """The agent of all seeds that were computed side by side as `agent.pt`, in the folder of the first.
+
+    With all that it learns by, and so large where it remembers much.
+    """
     checkpoint.save(folder / AGENT, {**_facts(trainer.agent, trainer.problem), "state": trainer.agent.state_dict()})
 
 
@@ -106,9 +108,7 @@ def _facts(agent: Agent, problem: Problem) -> dict[str, Any]:
 def _found(folder: Path) -> Path:
     """The file of an agent: one serves all seeds that were computed side by side, and lies with the first of them."""
     for place in (folder, *([folder.parent] if folder.name.startswith("seed-") else [])):
-        files: Sequence[Path] = (
-            [place / AGENT] if (place / AGENT).exists() else sorted(place.glob(f"seed-*/{AGENT}"))
-        )
+        files: Sequence[Path] = [place / AGENT] if (place / AGENT).exists() else sorted(place.glob(f"seed-*/{AGENT}"))
         if len(files) == 1:
             return files[0]
         if files:

@@ -59,6 +59,10 @@ def compose(
 
     Raises:
         UserError: with every problem found.
+
+    Example:
+        >>> credit.compose(["method=disagreement"])["mixer"]["alpha"]
+        0.5
     """
     config = jobs.checked(registry.compose(overrides, config_dirs), say)
     if words := effects.idle(overrides, config):

@@ -73,13 +73,17 @@ class TabularMDP:
         return solve.stationary(self.transition, self.optimal.policy, self.initial)
 
     def gains(self, policies: Tensor) -> Tensor:
-        """The average reward of a step [R] under policies [R, S]; where there are several, that from the start on."""
-        rows = torch.arange(self.states)
-        every = [
-            (solve.stationary(self.transition, own, self.initial) * self.reward[rows, own]).sum()
-            for own in policies.cpu()
-        ]
-        return torch.stack(every)
+        """The average reward of a step [R], where there are several that from the start on.
+
+        Args:
+            policies: actions [R, S], or probabilities of actions [R, S, A].
+        """
+        chances = policies.cpu() if policies.dim() == 3 else torch.nn.functional.one_hot(policies.cpu(), self.actions)
+        first, found = torch.zeros(self.states, dtype=torch.int64), list[Tensor]()
+        for own in chances.to(self.reward):
+            chain = torch.einsum("sa,sat->st", own, self.transition).unsqueeze(1)  # a task of one action
+            found.append((solve.stationary(chain, first, self.initial) * (own * self.reward).sum(-1)).sum())
+        return torch.stack(found)
 
     @cached_property
     def diameter(self) -> float:
