@@ -107,8 +107,8 @@ def filmed(played: Played, video: Path) -> list[str]:
                 raise UserError(f"video={video}: {problem}; without video=… there is a text")
     else:
         raise UserError(
-            f"video={video}: this environment has no pictures (one of Gymnasium needs the render mode rgb_array); leave "
-            "video=… out for a text"
+            f"video={video}: this environment has no pictures (one of Gymnasium needs the render mode rgb_array); "
+            "without video=… there is a text"
         )
     episodes = played.steps.groupby("episode")
     return [*(f"episode {episode}: {summed(steps)}" for episode, steps in episodes), f"video    {video}"]
