@@ -133,7 +133,8 @@ def recovery_arrays(
     `windows/labels` [K], NaN where there is none; `models` (names, the reference first); `reward/true` (NaN where it is
     not known), `reward/<model>`, `draws/<model>` [B, ...], `mse/<model>`,
     `disagreement/<surrogate>` (Δ̂²), `weight/<model>`, `best`, `reward/mixed`, `bonus/<name>`, `reward/plan`, `visits`;
-    `policy` [S], or [T, S] by step, where the policy can say it; and `axis/<name>`, two small axes over which a large table can be shown.
+    `policy` [S], or [T, S] by step, where the policy can say it; and `axis/<name>`, two small axes over which a large
+    table can be shown.
     """
     assert belief.cells is not None
     assert belief.visits is not None

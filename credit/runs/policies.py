@@ -53,7 +53,7 @@ def write(trainer: Trainer, config: Mapping[str, Any], folders: Mapping[int, Pat
             seed = problem.seeds[replica]
             own = {**config, "seed": seed, "replicas": 1, "rerun": False}
             checkpoint.save(folder / POLICY, {**_facts(problem), "seed": seed, "config": own, **acts}, durable=False)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, LookupError, AttributeError, RuntimeError) as error:  # of somebody's agent
         return f"{type(trainer.agent).__name__} has {WHOLE}: {error}"
     return ""
 

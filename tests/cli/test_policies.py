@@ -64,7 +64,7 @@ def test_play_prints_steps(run: Callable[..., Any]) -> None:
 @pytest.mark.thorough
 def test_play_films(run: Callable[..., Any]) -> None:
     pytest.importorskip("pygame")
-    for video in ("a.mp4", "a.gif"):
+    for video in ("film.mp4", "film.gif"):
         found = run("play", cart(), f"video={video}")
         assert found.code == 0, found.err
         assert Path(video).stat().st_size > 1000

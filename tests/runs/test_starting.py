@@ -21,6 +21,7 @@ from credit.core.errors import UserError
 from credit.core.state import same
 from credit.runs import job, starting
 from credit.runs.kept import AGENT, STEPS, begin_with, write_agent, write_steps
+from credit.runs.policies import read
 from credit.trainer import Trainer
 
 SHORT = ("method=reference", "trainer.steps=140", "tracking=none")
@@ -118,6 +119,7 @@ def test_a_run_goes_on_to_the_bit(log: Path, tmp_path: Path, interrupt: Callable
         pd.testing.assert_frame_equal(rows(one), rows(two))
         pd.testing.assert_frame_equal(pd.read_parquet(one / STEPS), pd.read_parquet(two / STEPS))
         assert len(pd.read_parquet(one / STEPS)) == 140  # its own, without those that it was given
+        assert same(read(one)["tables"], read(two)["tables"])
         with np.load(one / "recovery.npz") as first, np.load(two / "recovery.npz") as second:
             assert same(dict(first), dict(second))
     assert [(folder / AGENT).exists() for folder in gone_on.folders] == [True, False]
