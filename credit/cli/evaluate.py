@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,8 +43,7 @@ def main(argv: list[str]) -> int:
     if {"-h", "--help"} & set(argv):
         print(HELP, end="")
         return 0
-    folders, changes, words = split(argv, "evaluate")
-    options = read_words(words, READERS, "evaluate")
+    folders, changes, options = split(argv, READERS, "evaluate")
     import pandas as pd
     from rich.console import Console
     from rich.table import Column, Table
@@ -85,15 +84,19 @@ def written(row: Any, name: str) -> str:
     return f"{row[name]:.4g} [{row[f'{name}_low']:.4g}, {row[f'{name}_high']:.4g}]"
 
 
-def split(argv: Sequence[str], command: str) -> tuple[list[Path], dict[str, Any], list[str]]:
-    """Folders (whose names may have = in them), parameters of the environment, and all other words.
+def split(
+    argv: Sequence[str], readers: Mapping[str, Reader], command: str
+) -> tuple[list[Path], dict[str, Any], dict[str, Any]]:
+    """Folders (whose names may have = in them), parameters of the environment, and all other words as they are read.
 
     Raises:
-        UserError: there is no folder, or a value cannot be read.
+        UserError: a word that cannot be read, or no folder.
     """
     folders, changes, rest = list[Path](), dict[str, Any](), list[str]()
     for word in argv:
         key, equals, text = word.partition("=")
+        if word.startswith("-"):
+            raise UserError(f"{word!r} is no option here; write KEY=VALUE, as `credit {command} --help` lists them")
         if Path(word).is_dir():
             folders.append(Path(word))
         elif "/" in key or not equals:
@@ -105,9 +108,10 @@ def split(argv: Sequence[str], command: str) -> tuple[list[Path], dict[str, Any]
                 raise UserError(f"{word!r}: the value cannot be read; write it as for `credit train`") from None
         else:
             rest.append(word)
+    options = read_words(rest, readers, command)
     if not folders:
         raise UserError(f"the folder of a run is needed; `credit {command} --help` says more")
-    return folders, changes, rest
+    return folders, changes, options
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from credit.cli.evaluate import split
 from credit.cli.main import guarded
-from credit.cli.words import Reader, read_words, whole
+from credit.cli.words import Reader, whole
 from credit.core.errors import UserError
 
 if TYPE_CHECKING:
@@ -46,10 +46,9 @@ def main(argv: list[str]) -> int:
     if {"-h", "--help"} & set(argv):
         print(HELP, end="")
         return 0
-    folders, changes, words = split(argv, "play")
+    folders, changes, options = split(argv, READERS, "play")
     if len(folders) > 1:
         raise UserError(f"one folder is played, got {len(folders)}: {', '.join(map(str, folders))}")
-    options = read_words(words, READERS, "play")
     video: Path | None = options.pop("video", None)
     if video is not None:
         from credit.report.video import require
