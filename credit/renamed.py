@@ -30,8 +30,6 @@ WORDS = {  # group, group=option, or key → what to write instead
     "oracle": "one model serves all oracles: leave it out, or write reward@reference=primitive",
     "planner": "write agent=…; an experiment says choose: {planner: …}",
     "learner": "write agent=…; an experiment says choose: {learner: …}",
-    "keep=[policy]": "every run keeps its policy; what other runs go on from (policy_from) is keep=[agent]",
-    "keep=[steps,policy]": "every run keeps its policy; what other runs go on from (policy_from) is keep=[steps,agent]",
     "env.poison": "nothing that a learner is given holds a primitive reward; leave it out",
     "assigner=step_recovery": "assigner=recovery",
     "reward=primitive_steps": "reward@reference=primitive",
