@@ -16,7 +16,11 @@ from credit.envs.registration import register_soon
 from credit.renamed import answer_old_imports
 
 if TYPE_CHECKING:
+    from credit.api import check, compare, list, sweep
+    from credit.core.errors import UserError
+    from credit.runs.evaluate import evaluate
     from credit.runs.load import Run, load
+    from credit.runs.play import play
     from credit.runs.resume import resume
     from credit.runs.runner import Result, compose, run
 
@@ -24,14 +28,30 @@ os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # TorchRL reads it once, a
 answer_old_imports()
 register_soon()  # our environments, with Gymnasium, once it is imported
 
-__all__ = ["Result", "Run", "__version__", "compose", "load", "resume", "run"]
+__all__ = [
+    "Result",
+    "Run",
+    "UserError",
+    "__version__",
+    "check",
+    "compare",
+    "compose",
+    "evaluate",
+    "list",
+    "load",
+    "play",
+    "resume",
+    "run",
+    "sweep",
+]
 _HOMES = {
-    "compose": "runs.runner",
-    "load": "runs.load",
+    **dict.fromkeys(("check", "compare", "list", "sweep"), "api"),
+    **dict.fromkeys(("Result", "compose", "run"), "runs.runner"),
+    **dict.fromkeys(("Run", "load"), "runs.load"),
+    "UserError": "core.errors",
+    "evaluate": "runs.evaluate",
+    "play": "runs.play",
     "resume": "runs.resume",
-    "Result": "runs.runner",
-    "Run": "runs.load",
-    "run": "runs.runner",
 }
 
 
@@ -42,3 +62,8 @@ def __getattr__(name: str) -> Any:
     import importlib
 
     return getattr(importlib.import_module(f"credit.{_HOMES[name]}"), name)
+
+
+def __dir__() -> Any:  # a list, whose name is taken here
+    """What users call, also before it is imported."""
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

@@ -2,7 +2,7 @@
 
 core  ◄  networks, planning, data  ◄  envs · recovery · rivals · agents · judges  ◄  trainer  ◄  runs  ◄  cli
          config, on core ◄ runs, cli        tracking, report: on run folders ◄ cli        bench, testing: all
-         bridges, on core and encoders, for agents of other libraries
+         bridges, on core and encoders, for agents of other libraries        api: what commands do, from Python, on cli
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ BELOW: dict[str, set[str]] = {  # room → the rooms that it may import, beside 
     "bench": LOOP | READERS | {"config", "runs", "cli", ""},  # the last: `credit` itself, as its users have it
     "testing": LOOP | READERS | {"config", "runs", "cli"},
     "renamed": set(),
-    "": {"runs", "envs.registration", "core.version"},  # credit/__init__.py: `credit.run`, and our Gymnasium ids
+    "api": {"core", "config", "runs", "report", "cli"},  # what commands do, from Python
+    "": {"api", "runs", "envs.registration", "core"},  # credit/__init__.py: `credit.run`, and our Gymnasium ids
 }
 ONLY = {  # package → the rooms that know it
     "hydra": {"config", "cli"},

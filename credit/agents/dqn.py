@@ -23,8 +23,8 @@ from credit.core.store import Store
 from credit.core.streams import each_step, reset_seed
 from credit.data.replay import Batch, Replay
 from credit.networks.modules import Network
-from credit.networks.perceptron import PRECISION, ReplicaDueling, ReplicaMLP, ReplicaNetwork
-from credit.networks.replicated import Replicated
+from credit.networks.perceptron import PRECISION, ReplicaDueling, ReplicaMLP
+from credit.networks.replicated import ReplicaNetwork, Replicated
 from credit.networks.seeding import seeded
 
 LOSSES = {"l2": mse_loss, "smooth_l1": smooth_l1_loss}
@@ -69,6 +69,7 @@ class DQN(Seeing, Agent):
     actions: ClassVar[Kind] = "finite"
     setting: ClassVar[Setting] = "episodic"
     keeps: ClassVar = ("_online", "_target", "_adam", "_replay", "_stream", "_windows", "_steps", "_updates")
+    acts: ClassVar = ("_online",)
 
     def __init__(
         self,

@@ -30,6 +30,7 @@ class Planner(Agent):
     observations: ClassVar = "finite"
     actions: ClassVar = "finite"
     keeps: ClassVar[tuple[str, ...]] = ("transition", "_actions", "_total", "_visits", "_arrivals", "_ends")
+    acts: ClassVar[tuple[str, ...] | None] = ("_actions",)
     _actions: Tensor  # of the last plan, [R, S] or [R, T, S]
 
     def __init__(self, transition: Transition) -> None:

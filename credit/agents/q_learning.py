@@ -36,6 +36,7 @@ class QLearning(Agent):
     observations: ClassVar = "finite"
     actions: ClassVar = "finite"
     keeps: ClassVar = ("_q", "_stream", "_windows")
+    acts: ClassVar = ("_q",)
 
     def __init__(
         self,

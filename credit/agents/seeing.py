@@ -33,6 +33,9 @@ class Seeing(Stateful):
         if self.encoder is not None:
             self.encoder.observe(windows)
 
+    def _looked_at(self) -> tuple[str, ...]:
+        return super()._looked_at() if self.encoder is None or self.acts is None else (*super()._looked_at(), "encoder")
+
     def _names(self) -> tuple[str, ...]:
         """The encoder's state is kept with that of whatever sees through it."""
         return super()._names() if self.encoder is None else (*super()._names(), "encoder")

@@ -21,15 +21,12 @@ from credit.renamed import instead
 def main(argv: list[str]) -> int:
     """Print the kinds, or everything of one kind."""
     words = Words.parse(argv)
-    known = {**CHOICES, **{name: kind.help for name, kind in KINDS.items()}}
+    known = kinds()
     if words.help:
         print("usage: credit list [KIND] [--config-dir DIR]\n\nkinds: " + ", ".join(known))
         return 0
     for kind in words.overrides:
-        if now := instead(kind):
-            raise UserError(f"{kind!r} is gone; {now}")
-        if kind not in known:
-            raise UserError(f"{kind!r} is no kind; {nearest(kind, known)}")
+        require_kind(kind)
     for kind in words.overrides or known:
         print(f"{kind}: {known[kind]}")
         for line in files.twice(kind):
@@ -47,6 +44,23 @@ def main(argv: list[str]) -> int:
     for line in files.broken_packages():
         print(f"warning: a package is skipped: {line}", file=sys.stderr)
     return 0
+
+
+def kinds() -> dict[str, str]:
+    """Kind → what it is, in a line."""
+    return {**CHOICES, **{name: kind.help for name, kind in KINDS.items()}}
+
+
+def require_kind(kind: str) -> None:
+    """Refuse a kind that there is not.
+
+    Raises:
+        UserError: with the nearest one.
+    """
+    if now := instead(kind):
+        raise UserError(f"{kind!r} is gone; {now}")
+    if kind not in kinds():
+        raise UserError(f"{kind!r} is no kind; {nearest(kind, kinds())}")
 
 
 def parameters(kind: str, path: Path, config_dirs: Sequence[str] = ()) -> list[str]:

@@ -14,6 +14,8 @@ COMMANDS = {
     "train": ("[overrides]", "run one job; with -m a sweep over comma-separated values"),
     "resume": ("DIR", "finish a run or a sweep from its folder alone"),
     "compare": ("[overrides]", "tables, intervals and figures from finished runs"),
+    "evaluate": ("RUN...", "what finished runs' policies are worth, also in a changed environment"),
+    "play": ("RUN", "one episode of a run's policy, as text or as a video"),
     "list": ("[KIND]", "every registered component: name, one line, parameters with their defaults"),
     "check": ("[overrides]", "compose and check a configuration, write nothing"),
     "new": ("KIND NAME", "a component of your own to start from: class, YAML, test and package"),

@@ -55,7 +55,7 @@ def _session(folder: Path) -> int:
     overrides = [text for text in words.overrides if not text.startswith("output=")]
     overrides.append(f"output={folder.parents[1]}")
     words = dataclasses.replace(words, overrides=overrides, config_dirs=facts["config_dirs"])
-    now = [job.plan(config) for config, _ in train.checked_jobs(words, train.sweeps(words))]
+    now = [job.plan(config) for config, _ in train.checked_jobs(words, train.several(words))]
     if now != facts["plan"]:
         raise UserError(
             f"{folder}: `{facts['command']}` means other jobs than when it was typed, since the configuration of "

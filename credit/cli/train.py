@@ -37,7 +37,24 @@ def main(argv: list[str]) -> int:
     multirun = several(words)
     if not multirun and (swept := [text for text in words.overrides if registry.is_sweep(text)]):
         raise UserError(f"{swept[0]!r} names several values: add -m to run a sweep, or give one")
-    jobs = checked_jobs(words, multirun)
+    jobs, console = checked_jobs(words, multirun), Console(stderr=True, highlight=False)
+    ended, late, parents, session = computed(words, jobs, ["train", *argv], console, multirun)
+    report(parents, jobs[0][0], late, None if ended == "FINISHED" else session)
+    return 0 if ended == "FINISHED" else 1
+
+
+def computed(
+    words: Words, jobs: list[Job], argv: list[str], console: Console, multirun: bool, told: bool = True
+) -> tuple[str, str | None, list[Path], Path]:
+    """Run checked jobs.
+
+    Args:
+        words, jobs: what was typed, and what it comes to. argv: as the session is told it. console: where news go.
+        multirun: whether it is a sweep. told: whether a sweep's table is printed at the end.
+
+    Returns:
+        The session's status, what is still to be uploaded, the folders of the runs, and that of the session.
+    """
     launcher = launchers.choose(words.overrides, len(jobs), uses_gpu(jobs), words.config_dirs)
 
     from credit.config import schema
@@ -52,7 +69,7 @@ def main(argv: list[str]) -> int:
         Facts.of(first).folder,
         "sweep" if multirun else "job",
         first["experiment"],
-        ["train", *argv],
+        argv,
         first["tracking"],
         [plan(config) for config, _ in jobs],
         words.config_dirs,
@@ -61,7 +78,6 @@ def main(argv: list[str]) -> int:
     board.clear(jobs)
     tracking = schema.build(first, "tracking")
     tracking.start(session.folder, session.output)
-    console = Console(stderr=True, highlight=False)
     follower, ended = Follower(board, jobs, console, tracking.news), "KILLED"
     try:
         with follower, stoppable(board, follower, console):
@@ -69,13 +85,12 @@ def main(argv: list[str]) -> int:
         stands = [status(follower.facts.get(number)) for number in range(len(jobs))]
         ended = "FINISHED" if {*stands} <= {"done", "done before"} else "FAILED"
     finally:
-        if multirun:
+        if multirun and told:
             show(follower, jobs)
         session.finish(ended)
         late = drain(tracking, console)
         board.end()
-    report([*parents], first, late, None if ended == "FINISHED" else session.folder)
-    return 0 if ended == "FINISHED" else 1
+    return ended, late, [*parents], session.folder
 
 
 def several(words: Words) -> bool:

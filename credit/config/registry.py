@@ -50,6 +50,7 @@ def compose(overrides: Sequence[str] = (), config_dirs: Sequence[str] = ()) -> d
     Raises:
         UserError: an override cannot be parsed, or names no option or key.
     """
+    require_words(overrides, config_dirs)
     if named := [text for text in overrides if is_sweep_file(text)]:
         raise UserError(f"{named[0]!r} is a sweep of many jobs, and this is one; `credit train -m {named[0]}` runs it")
     words = with_budget(with_experiment(overrides, config_dirs))
@@ -158,6 +159,21 @@ def hydra_node(overrides: Sequence[str], config_dirs: Sequence[str] = (), whole:
         raise UserError(answers.explain(error, overrides, config_dirs, compose)) from None
     found: Any = OmegaConf.to_container(config, resolve=False)
     return found if whole else found["hydra"]
+
+
+def require_words(overrides: Any, config_dirs: Any = ()) -> None:
+    """Refuse what is no list of words, as a caller from Python may give it.
+
+    Raises:
+        UserError: what it is instead.
+    """
+    for name, given, like in (
+        ("overrides", overrides, "'method=reference', 'replicas=5'"),
+        ("config_dirs", config_dirs, "'conf'"),
+    ):
+        several = isinstance(given, Sequence) and not isinstance(given, str)
+        if wrong := [item for item in (given if several else [given]) if not (several and isinstance(item, str))]:
+            raise UserError(f"{name}: {wrong[0]!r} is a {type(wrong[0]).__name__}; give a list of words: [{like}]")
 
 
 def is_sweep(override: str) -> bool:

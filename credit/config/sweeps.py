@@ -26,6 +26,7 @@ def expand(overrides: Sequence[str], config_dirs: Sequence[str] = ()) -> list[li
     """
     from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 
+    registry.require_words(overrides, config_dirs)
     typed = [text for text in overrides if not registry.is_sweep_file(text)]
     named = [text for text in overrides if registry.is_sweep_file(text)]
     jobs: list[list[str]] = []
@@ -56,7 +57,7 @@ def _finite(override: Override, text: str, config_dirs: Sequence[str]) -> Overri
         raise UserError(f"{text!r} is an interval, whose values cannot be listed; say 0,.5,1 or range(0,1,.25)")
     if isinstance(value, RangeSweep):
         step = value.step
-        if not step or (value.stop - value.start) / step <= 0:  # type: ignore[operator]
+        if not step or (value.stop - value.start) / step <= 0:
             raise UserError(f"{text!r} has no values: it goes from {value.start} to {value.stop} in steps of {step}")
     if isinstance(value, Glob):
         options = files.options(str(override.key_or_group), config_dirs)

@@ -21,6 +21,7 @@ class Draws(Stateful):
     """
 
     keeps: ClassVar = ("_generators",)
+    acts: ClassVar = ()
 
     def __init__(self, seeds: Sequence[int], purpose: str, device: torch.device) -> None:
         self._generators = generators(seeds, purpose)

@@ -7,10 +7,11 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 PLAIN = (bool, int, float, str)
+LEFT = ["left", None]  # in the place of what is left out
 Packed = Any  # None, bool, int, float, str, tensors, and [tag, content] for everything that holds others
 
 
@@ -21,6 +22,7 @@ class Stateful:
         keeps: names of the attributes that are the state, where that is less than all: caches and constants need not be
             kept. An attribute may be a number, a string, a tensor, an array, a NumPy generator, a PyTorch module or
             optimizer, another `Stateful`, or a list, tuple or dictionary of these.
+        acts: names of those that policies look at, where that is less than all: what is kept of a finished run.
 
     Example:
         >>> class Counts(Stateful):
@@ -28,6 +30,7 @@ class Stateful:
     """
 
     keeps: ClassVar[tuple[str, ...] | None] = None
+    acts: ClassVar[tuple[str, ...] | None] = None
 
     def state_dict(self) -> dict[str, Packed]:
         """The state: tensors on the CPU and plain data.
@@ -35,10 +38,16 @@ class Stateful:
         Raises:
             TypeError: an attribute is of another kind; name those that matter in `keeps`, or override both methods.
         """
-        filled = self.filled()
-        values = {name: getattr(self, name) for name in self._names()}
-        kept = {name: value[:, : filled[name]] if name in filled else value for name, value in values.items()}
-        return {name: pack(value, f"{type(self).__name__}.{name}") for name, value in kept.items()}
+        return self._packed(self._names())
+
+    def acting(self) -> dict[str, Packed]:
+        """The part of the state that policies look at: without optimizers, random numbers, and what `acts` leaves out.
+
+        Laid over the state that `start` makes (`credit.core.acting.laid_over`), it acts as this one does.
+        """
+        if self.acts is None and type(self).state_dict is not Stateful.state_dict:  # whose parts have names of its own
+            return self.state_dict()
+        return self._packed(self._looked_at(), lean=True)
 
     def load_state_dict(self, state: Mapping[str, Packed]) -> None:
         """Go on from a state, after the same `start`.
@@ -57,6 +66,15 @@ class Stateful:
         when it is loaded."""
         return {}
 
+    def _packed(self, names: Sequence[str], lean: bool = False) -> dict[str, Packed]:
+        filled = self.filled()
+        values = {name: getattr(self, name) for name in names}
+        kept = {name: value[:, : filled[name]] if name in filled else value for name, value in values.items()}
+        return {name: pack(value, f"{type(self).__name__}.{name}", lean) for name, value in kept.items()}
+
+    def _looked_at(self) -> tuple[str, ...]:
+        return self._names() if self.acts is None else self.acts
+
     def _names(self) -> tuple[str, ...]:
         if self.keeps is not None:
             return self.keeps
@@ -66,8 +84,12 @@ class Stateful:
         )
 
 
-def pack(value: Any, where: str) -> Packed:
+def pack(value: Any, where: str, lean: bool = False) -> Packed:
     """A value as plain data.
+
+    Args:
+        value: what is packed. where: it is, for messages. lean: whether what no policy looks at is left out, so that
+            `start` makes it anew: optimizers, random numbers, and what `acting` leaves out.
 
     Raises:
         TypeError: it cannot be, or `where` it is needs methods of its own.
@@ -84,15 +106,15 @@ def pack(value: Any, where: str) -> Packed:
     if isinstance(value, np.ndarray):
         return ["array", torch.from_numpy(value.copy())]
     if isinstance(value, np.random.Generator):
-        return ["generator", pack(value.bit_generator.state, where)]
+        return LEFT if lean else ["generator", pack(value.bit_generator.state, where)]
     if isinstance(value, (Stateful, torch.nn.Module)):
-        return ["state", value.state_dict()]
+        return ["state", value.acting() if lean and isinstance(value, Stateful) else value.state_dict()]
     if isinstance(value, torch.optim.Optimizer):
-        return ["optimizer", pack(value.state_dict(), where)]
+        return LEFT if lean else ["optimizer", pack(value.state_dict(), where)]
     if isinstance(value, Mapping):
-        return ["dict", [[pack(key, where), pack(inner, f"{where}[{key!r}]")] for key, inner in value.items()]]
+        return ["dict", [[pack(key, where), pack(inner, f"{where}[{key!r}]", lean)] for key, inner in value.items()]]
     if type(value) in (list, tuple):
-        return [type(value).__name__, [pack(inner, f"{where}[{i}]") for i, inner in enumerate(value)]]
+        return [type(value).__name__, [pack(inner, f"{where}[{i}]", lean) for i, inner in enumerate(value)]]
     raise TypeError(
         f"{where} is a {type(value).__name__}, which no checkpoint can hold: name the attributes that are the state in "
         "`keeps`, or give the class a state_dict and a load_state_dict"

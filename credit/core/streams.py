@@ -47,6 +47,7 @@ class Stream(Stateful):
         >>> u = Stream(problem, "environment", "uniform", width=7).next()  # [R, 7]
     """
 
+    acts: ClassVar = ()  # whoever acts anew draws anew
     CHUNK = 2**13  # numbers drawn at once for a replica: a generator call costs more than a number
 
     def __init__(self, problem: Replicas, purpose: str, kind: Kind, width: int) -> None:
@@ -111,6 +112,7 @@ class Episodes(Stateful):
     """
 
     keeps: ClassVar = ("_generators",)
+    acts: ClassVar = ()
 
     def __init__(self, problem: Problem, purpose: str, kind: Kind, width: int) -> None:
         self._generators = generators(problem.seeds, purpose)
@@ -146,6 +148,7 @@ class Queues(Stateful):
     """
 
     keeps: ClassVar = ("_generators",)
+    acts: ClassVar = ()
 
     def __init__(self, problem: Replicas, purpose: str, kind: Kind, width: int) -> None:
         self._generators = generators(problem.seeds, purpose)

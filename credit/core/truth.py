@@ -16,12 +16,14 @@ class ContinuingTruth:
 
     Attributes:
         gain: g*, reward a step. policy: π* [S]. occupancy: its stationary distribution [S]. reward: r [S, A].
+        evaluate: policies, actions [R, S] or probabilities [R, S, A] → their rewards a step [R], from the start on.
     """
 
     gain: float
     policy: Tensor
     occupancy: Tensor
     reward: Tensor
+    evaluate: Callable[[Tensor], Tensor]
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import torch
 from torch import Tensor
@@ -70,6 +70,8 @@ class Replay(Stateful):
         >>> replay.relabel(store.windows, assigner.rewards(store.windows))
         >>> batches = replay.sample(batch=64, count=32)
     """
+
+    acts: ClassVar = ()  # no policy looks at it
 
     def __init__(
         self,

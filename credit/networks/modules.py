@@ -9,7 +9,6 @@ from typing import Any, Literal
 
 import torch
 from torch import nn
-from torchrl.modules import MLP
 
 from credit.core.component import Component
 from credit.core.errors import UserError
@@ -46,6 +45,8 @@ class Perceptron(Network):
 
     def make(self, inputs: int, outputs: int, device: torch.device) -> nn.Module:
         """With PyTorch's initial weights."""
+        from torchrl.modules import MLP  # which takes seconds to import, and reward models name this module
+
         kind = ACTIVATIONS[self.activation]
         network: nn.Module = MLP(inputs, outputs, num_cells=list(self.hidden), activation_class=kind, device=device)
         return network

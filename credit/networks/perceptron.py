@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,6 +11,7 @@ from torchrl.modules import MLP
 
 from credit.core.problem import Problem
 from credit.core.streams import generators
+from credit.networks.replicated import ReplicaNetwork
 
 PRECISION = torch.float32
 
@@ -35,23 +35,6 @@ class ReplicaLinear(nn.Module):
     def forward(self, values: Tensor) -> Tensor:
         """x W + b for every replica."""
         return torch.baddbmm(self.bias, values, self.weight)
-
-
-class ReplicaNetwork(nn.Module):
-    """R networks side by side, one a replica: [R, B, in] → [R, B, out]; all parameters begin with R."""
-
-    @abstractmethod
-    def alone(self, replica: int, inputs: Tensor) -> Tensor:
-        """The outputs [N, out] of one replica for inputs [N, in]."""
-
-    @torch.no_grad()
-    def best(self, inputs: Tensor) -> Tensor:
-        """The output with the largest value [R, N] for the same many inputs [N, in] in every replica.
-
-        One replica at a time: what lies between two layers then stays in the cache.
-        """
-        replicas = len(next(self.parameters()))
-        return torch.stack([self.alone(replica, inputs).argmax(-1) for replica in range(replicas)])
 
 
 class ReplicaMLP(MLP, ReplicaNetwork):

@@ -1,7 +1,8 @@
-"""Any module, one a replica, side by side."""
+"""Networks side by side, one a replica: what they share, and any module."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from copy import deepcopy
 
@@ -9,7 +10,22 @@ import torch
 from torch import Tensor, nn
 from torch.func import functional_call, stack_module_state, vmap
 
-from credit.networks.perceptron import ReplicaNetwork
+
+class ReplicaNetwork(nn.Module):
+    """R networks side by side, one a replica: [R, B, in] → [R, B, out]; all parameters begin with R."""
+
+    @abstractmethod
+    def alone(self, replica: int, inputs: Tensor) -> Tensor:
+        """The outputs [N, out] of one replica for inputs [N, in]."""
+
+    @torch.no_grad()
+    def best(self, inputs: Tensor) -> Tensor:
+        """The output with the largest value [R, N] for the same many inputs [N, in] in every replica.
+
+        One replica at a time: what lies between two layers then stays in the cache.
+        """
+        replicas = len(next(self.parameters()))
+        return torch.stack([self.alone(replica, inputs).argmax(-1) for replica in range(replicas)])
 
 
 class Replicated(ReplicaNetwork):

@@ -90,7 +90,7 @@ class Stack(Stateful):
         blocks: tensors that stand in for the views of the flat one.
     """
 
-    keeps: ClassVar = ("flat",)
+    keeps: ClassVar = ("blocks",)  # not the flat tensor: members are the leading dimension of blocks
 
     def __init__(self, shape: Shape, members: int, flat: Tensor, blocks: Sequence[Tensor] = ()) -> None:
         self.shape, self.members, self.flat = shape, members, flat

@@ -8,6 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pandas as pd
+
 from credit.core.errors import UserError
 from credit.report import tables
 from credit.report.comparison import Comparison, metrics_of, summarise
@@ -30,7 +32,7 @@ TEXTS = {  # every report has these
 KINDS = ("diagnostics", "maps", "demonstrations", "trajectories")  # figures that not every report has
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Report:
     """What a comparison left behind.
 
@@ -50,6 +52,16 @@ class Report:
     def metrics(self) -> dict[str, float]:
         """Its numbers by name."""
         return metrics_of(self.comparisons)
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """A row a method and variant, setting after setting: the columns of `Comparison.table`."""
+        parts = [part.table.assign(setting=part.runs.setting.words) for part in self.comparisons]
+        return pd.concat(parts, ignore_index=True).set_index(["setting", "method", "slug"])
+
+    def __repr__(self) -> str:
+        """In a line."""
+        return f"Report({self.folder}: {len(self.table)} rows, {len(self.files)} files)"
 
 
 def compare(

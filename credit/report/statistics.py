@@ -230,3 +230,18 @@ def count_trapped(scores: ArrayLike, above: float) -> int:
 def _ends(samples: Array, tail: float = (1 - CONFIDENCE) / 2) -> tuple[float, float]:
     low, high = np.quantile(samples, [tail, 1 - tail])
     return float(low), float(high)
+
+
+def wilson(successes: int, trials: int) -> Interval:
+    """A rate with its score interval, which stays within [0, 1].
+
+    Source: Wilson 1927, "Probable inference, the law of succession, and statistical inference".
+
+    Args:
+        successes: how many of the trials. trials: n ≥ 1, independent.
+    """
+    rate, z = successes / trials, float(special.ndtri((1 + CONFIDENCE) / 2))
+    centre, scale = rate + z**2 / (2 * trials), 1 + z**2 / trials
+    half = z * np.sqrt(rate * (1 - rate) / trials + (z / (2 * trials)) ** 2)
+    low, high = float((centre - half) / scale), float((centre + half) / scale)
+    return Interval(rate, max(0.0, min(low, rate)), min(1.0, max(high, rate)))  # to rounding they are beyond it

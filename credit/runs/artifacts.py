@@ -64,7 +64,6 @@ class Recorder(Stateful):
         if belief is not None and belief.cells is not None:
             policy = tabulate(trainer.agent.policies()["behaviour"], trainer.problem)
             truth, summary = trainer.judge.truth(belief.cells), trainer.env.summary(belief.cells)
-            assert policy is not None
             if truth is None:  # nobody knows it
                 truth = torch.full_like(belief.mixed[0], torch.nan)
             found["recovery.npz"] = recovery_arrays(replica, trainer.store.windows, belief, truth, policy, summary)
@@ -126,7 +125,7 @@ def labels(windows: Windows, replica: int) -> Tensor:
 
 
 def recovery_arrays(
-    replica: int, windows: Windows, belief: Belief, truth: Tensor, policy: Tensor, summary: Mapping[str, Tensor]
+    replica: int, windows: Windows, belief: Belief, truth: Tensor, policy: Tensor | None, summary: Mapping[str, Tensor]
 ) -> Arrays:
     """Arrays of one replica, tables over `cells` (the names of the axes: [S, A] by default) unless said.
 
@@ -134,7 +133,8 @@ def recovery_arrays(
     `windows/labels` [K], NaN where there is none; `models` (names, the reference first); `reward/true` (NaN where it is
     not known), `reward/<model>`, `draws/<model>` [B, ...], `mse/<model>`,
     `disagreement/<surrogate>` (Δ̂²), `weight/<model>`, `best`, `reward/mixed`, `bonus/<name>`, `reward/plan`, `visits`;
-    `policy` [S], or [T, S] by step; and `axis/<name>`, two small axes over which a large table can be shown.
+    `policy` [S], or [T, S] by step, where the policy can say it; and `axis/<name>`, two small axes over which a large
+    table can be shown.
     """
     assert belief.cells is not None
     assert belief.visits is not None
@@ -155,8 +155,9 @@ def recovery_arrays(
         "reward/plan": table(belief.plan[replica]),
         "best": table(belief.best[replica]),
         "visits": table(belief.visits[replica]),
-        "policy": policy[replica].cpu().numpy(),
     }
+    if policy is not None:
+        arrays["policy"] = policy[replica].cpu().numpy()
     for index, name in enumerate(belief.models):
         arrays[f"reward/{name}"] = table(belief.mean[replica, index])
         if (every := belief.draws[index]) is not None:

@@ -24,8 +24,12 @@ TAIL = len(MARK) + hashlib.sha256().digest_size
 CHUNK = 2**20
 
 
-def save(path: Path, content: Mapping[str, Any]) -> None:
+def save(path: Path, content: Mapping[str, Any], durable: bool = True) -> None:
     """Write tensors and plain data: a reader, or who comes after a power cut, sees the old file or the new one.
+
+    Args:
+        path: the file. content: what goes into it.
+        durable: whether it is on the disk at the end; without, somebody sees to that later.
 
     Raises:
         OSError: the disk is full or cannot be written; what was there before is still there.
@@ -41,9 +45,11 @@ def save(path: Path, content: Mapping[str, Any]) -> None:
             file.seek(size)
             file.write(MARK + digest)
             file.flush()
-            os.fsync(file.fileno())
+            if durable:
+                os.fsync(file.fileno())
         temporary.replace(path)
-        _sync_folder(path.parent)
+        if durable:
+            _sync_folder(path.parent)
     except RuntimeError as error:  # how PyTorch's writer reports that the disk is full
         with suppress(OSError):
             temporary.unlink(missing_ok=True)

@@ -34,7 +34,7 @@ class Job:
         slug: name of the folder of its runs, by what differs from the method.
         demonstrations_from: steps that every replica is given before its first round: a file, a run's folder, or a
             Minari dataset. policy_from: the folder of a run whose agent every seed goes on from.
-        keep: what its folders hold beyond figures: its steps, its policy.
+        keep: what its folders hold beyond figures: its steps, its agents to go on from.
         sweep: what becomes of a sweep's other jobs. written_for: the only experiment of a method, where it has one.
     """
 
@@ -52,7 +52,7 @@ class Job:
     slug: str | None = None
     demonstrations_from: str | None = None
     policy_from: str | None = None
-    keep: list[Literal["steps", "policy"]] = field(default_factory=list)
+    keep: list[Literal["steps", "agent"]] = field(default_factory=list)
     sweep: dict[Literal["on_error"], Literal["continue", "stop"]] = field(default_factory=dict)
     written_for: str | None = None
 

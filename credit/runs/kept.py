@@ -1,4 +1,4 @@
-"""What a run keeps beyond its figures, where it is asked to (`keep=[steps,policy]`), and starts another one."""
+"""What a run keeps beyond its figures, where it is asked to (`keep=[steps,agent]`), and starts another one."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from credit.envs.recorded import STEPS
 from credit.runs import checkpoint
 from credit.trainer import Trainer
 
-POLICY = "policy.pt"
+AGENT = "agent.pt"
 RANDOM = {"generators", "_generators", "bit_generator", "_episodes"}  # what says that a state is one of random numbers
 
 
@@ -61,19 +61,22 @@ def step_columns(trainer: Trainer, replica: int) -> dict[str, NDArray[Any]]:
     }
 
 
-def write_policy(trainer: Trainer, folder: Path) -> None:
-    """The agent of all seeds that were computed side by side as `policy.pt`, in the folder of the first."""
-    checkpoint.save(folder / POLICY, {**_facts(trainer.agent, trainer.problem), "state": trainer.agent.state_dict()})
+def write_agent(trainer: Trainer, folder: Path) -> None:
+    """The agent of all seeds that were computed side by side as `agent.pt`, in the folder of the first.
+
+    With all that it learns by, and so large where it remembers much.
+    """
+    checkpoint.save(folder / AGENT, {**_facts(trainer.agent, trainer.problem), "state": trainer.agent.state_dict()})
 
 
 def begin_with(policy: str, agent: Agent, problem: Problem) -> None:
     """Make a started agent what another run's was in the end; its random numbers stay its own.
 
     Args:
-        policy: the folder of a run, or of all its seeds, that was told `keep=[policy]`.
+        policy: the folder of a run, or of all its seeds, that was told `keep=[agent]`.
 
     Raises:
-        UserError: no policy lies there, or one of another agent, of other spaces, sizes, or number of seeds.
+        UserError: no agent lies there, or one of another kind, of other spaces, sizes, or number of seeds.
     """
     file = _found(Path(policy))
     saved, now = checkpoint.load(file, problem.device), _facts(agent, problem)
@@ -103,20 +106,18 @@ def _facts(agent: Agent, problem: Problem) -> dict[str, Any]:
 
 
 def _found(folder: Path) -> Path:
-    """The file of a policy: one serves all seeds that were computed side by side, and lies with the first of them."""
+    """The file of an agent: one serves all seeds that were computed side by side, and lies with the first of them."""
     for place in (folder, *([folder.parent] if folder.name.startswith("seed-") else [])):
-        files: Sequence[Path] = (
-            [place / POLICY] if (place / POLICY).exists() else sorted(place.glob(f"seed-*/{POLICY}"))
-        )
+        files: Sequence[Path] = [place / AGENT] if (place / AGENT).exists() else sorted(place.glob(f"seed-*/{AGENT}"))
         if len(files) == 1:
             return files[0]
         if files:
             raise UserError(
-                f"policy_from={folder}: several policies lie there; give the folder of one of them: "
+                f"policy_from={folder}: several agents lie there; give the folder of one of them: "
                 f"{', '.join(str(file.parent) for file in files)}"
             )
     raise UserError(
-        f"policy_from={folder}: no {POLICY} lies there; compute that run with keep=[policy] (and rerun=true, where it "
+        f"policy_from={folder}: no {AGENT} lies there; compute that run with keep=[agent] (and rerun=true, where it "
         "is done), and give its folder"
     )
 

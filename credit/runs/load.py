@@ -7,8 +7,9 @@ import zipfile
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -18,8 +19,14 @@ from credit.core.errors import UserError
 from credit.renamed import translated
 from credit.runs.rows import JOURNAL, STEP, read_rows, unusable
 
+if TYPE_CHECKING:
+    from credit.runs.policies import KeptPolicy
 
-@dataclass(frozen=True)
+HEADLINES = ("regret/cumulative", "policy/error", "eval/success", "eval/return", "return/policy", "return/label")
+LONG = 30  # letters of a name in a line
+
+
+@dataclass(frozen=True, repr=False)
 class Run:
     """One run: configuration, journal (a frame indexed by step), summary, and arrays where there are any."""
 
@@ -29,6 +36,35 @@ class Run:
     summary: dict[str, Any]
     recovery: dict[str, np.ndarray] | None
     trajectories: dict[str, np.ndarray] | None = None
+
+    @cached_property
+    def policy(self) -> KeptPolicy:
+        """What the run's policy does: `run.policy(observation)`, an action in the environment's own space.
+
+        Raises:
+            UserError: the run kept none, and why.
+
+        Example:
+            >>> run = credit.load("outputs/advertiser/disagreement/default/seed-0")
+            >>> run.policy(3)
+            1
+        """
+        from credit.runs.policies import POLICY, Kept, KeptPolicy, read
+
+        return KeptPolicy(Kept(read(self.folder), self.folder / POLICY))
+
+    def __repr__(self) -> str:
+        """The run in a line: which, how long, and what it came to."""
+        last = ", ".join(f"{name}={value:.4g}" for name, value in self._headlines().items())
+        *named, seed = self.folder.resolve().parts[-4:]
+        place = "/".join([*(name if len(name) <= LONG else f"{name[:LONG]}…" for name in named), seed])
+        return f"Run({place}: {self.metrics.index.max()} steps{last and f', {last}'})"
+
+    def _headlines(self) -> dict[str, float]:
+        """Its first two final metrics that are known."""
+        found = {name: value for name, value in self.summary.get("metrics", {}).items() if value is not None}
+        shown = [name for name in HEADLINES if name in found]
+        return {name: found[name] for name in shown[:2]}
 
 
 def load(run_dir: str | Path) -> Run:

@@ -61,6 +61,10 @@ def compose(
 
     Raises:
         UserError: with every problem found.
+
+    Example:
+        >>> credit.compose(["method=disagreement"])["mixer"]["alpha"]
+        0.5
     """
     try:
         composed = registry.compose(overrides, config_dirs)

@@ -12,7 +12,7 @@ import torch
 
 from credit.config import schema
 from credit.core.errors import UserError
-from credit.runs import checkpoint, folders, kept, signals, starting
+from credit.runs import checkpoint, folders, kept, policies, signals, starting
 from credit.runs import job as jobs
 from credit.runs.artifacts import Recorder, write_arrays
 from credit.runs.journal import Journal, git_commit, settle, versions, write_atomically, write_json, write_yaml
@@ -62,6 +62,7 @@ class Work:
             write_yaml(found.of(seed) / "config.yaml", {**config, "seed": seed, "replicas": 1, "rerun": False})
         self._saved, self._rounds = time.monotonic(), self.trainer.rounds
         self._news = self.job.title
+        self._policy = ""  # why it was not kept
 
     def compute(self, progress: Progress | None = None, heed: bool = False) -> tuple[str, str | None]:
         """Run to the end; the status, and why it failed.
@@ -87,8 +88,10 @@ class Work:
                         write_arrays(self.found.of(seed) / name, arrays)
                     if "steps" in self.job.keep:
                         kept.write_steps(trainer, self.found.of(seed), index)
-            if "policy" in self.job.keep:
-                kept.write_policy(trainer, self.found.of(self.group.wanted[0]))
+            mine = {self.group.seeds.index(seed): self.found.of(seed) for seed in self.group.wanted}
+            self._policy = policies.write(trainer, self.config, mine)
+            if "agent" in self.job.keep:
+                kept.write_agent(trainer, self.found.of(self.group.wanted[0]))
             status = "FINISHED"
         except Exception as failure:  # a component may raise anything; the job says so, and a sweep goes on
             status, error = "FAILED", f"{type(failure).__name__}: {failure}"
@@ -147,6 +150,8 @@ class Work:
             self.journal.flush()
             summary = _summary(self.config, self.record, status, self.journal.seconds, time.process_time() - self._cpu)
             summary["cpu_seconds"] /= len(self.group.seeds)
+            if self._policy:
+                summary["policy"] = self._policy
             for index, seed in enumerate(self.group.seeds):
                 if seed not in self.group.wanted:
                     continue

@@ -15,6 +15,7 @@ from credit.networks.modules import Network
 from credit.networks.seeding import seeded
 from credit.testing.cases import Case
 from credit.testing.expect import close, expect, finite, shaped
+from credit.testing.kept import kept
 
 
 def assigner(case: Case) -> None:
@@ -104,7 +105,7 @@ def network(case: Case) -> None:
 
 
 def agent(case: Case) -> None:
-    """Actions are the problem's, before and after learning, and of every policy that is judged."""
+    """Actions are the problem's, before and after learning, and of every policy; and each seed's policy can be kept."""
     part, problem, store = case.built("agent")
     assigner, _, _ = case.assigned()
     expect(isinstance(part, Agent), f"{type(part).__name__} is no Agent")
@@ -125,6 +126,7 @@ def agent(case: Case) -> None:
             close(chances.sum(-1), torch.ones(2, problem.states, dtype=FLOAT), "probabilities must sum to 1")
     for name, value in part.diagnostics().items():
         shaped(value, (2,), f"diagnostics()[{name!r}]")
+    kept(case, part, problem, store)
 
 
 def acts(actions: Any, problem: Problem, what: str) -> None:

@@ -17,7 +17,7 @@ CASES = {
         (TRAIN, "demonstrations_from=log.csv"),
         ["demonstrations_from: log.csv: there is no such file"],
     ),
-    "policy that is nowhere": ((TRAIN, "policy_from=none"), ["policy_from=none", "keep=[policy]"]),
+    "policy that is nowhere": ((TRAIN, "policy_from=none"), ["policy_from=none", "keep=[agent]"]),
     "unknown group": ((TRAIN, "mixr.alpha=1"), ["mixr", "'mixer'", "mixr.alpha=1"]),
     "unknown key": ((TRAIN, "mixer.alfa=1"), ["mixer.alfa=1", "'alpha'", "epsilon"]),
     "unknown key, added": ((TRAIN, "+mixer.alfa=1"), ["mixer.alfa", "value 1", "'alpha'"]),

@@ -32,6 +32,7 @@ def test_a_job_leaves_complete_runs(credit, folder):
             "DONE",
             "config.yaml",
             "metrics.csv",
+            "policy.pt",
             "recovery.npz",
             "summary.json",
         ]

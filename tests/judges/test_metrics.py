@@ -26,7 +26,13 @@ def tensor(values: Any) -> torch.Tensor:
 
 def of_two(make_problem: Callable[..., Problem], gain: float = 0.5, seeds: tuple[int, ...] = (0, 1)) -> AverageReward:
     reward = tensor([[0.0, 1.0], [2.0, 3.0], [4.0, 5.0]])
-    truth = ContinuingTruth(gain, torch.tensor([0, 1, 1]), tensor([0.5, 0.5, 0.0]), reward)
+    truth = ContinuingTruth(
+        gain,
+        torch.tensor([0, 1, 1]),
+        tensor([0.5, 0.5, 0.0]),
+        reward,
+        lambda policies: gain * torch.ones(len(policies)),
+    )
     return AverageReward(make_problem(seeds, states=3, actions=2, window=2), truth)
 
 

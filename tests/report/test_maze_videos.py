@@ -91,7 +91,7 @@ def test_only_new_videos_are_made(comparison: Comparison, folder: Path, monkeypa
             video.touch()
         return ""
 
-    monkeypatch.setattr(videos, "_render", render)
+    monkeypatch.setattr(videos, "render", render)
     (folder / "policy_delayed_seed-9.mp4").touch()
     names = ["policy_delayed_seed-5.mp4", "policy_reference_seed-5.mp4"]
     for _ in range(2):

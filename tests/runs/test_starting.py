@@ -20,7 +20,8 @@ from credit.config.identity import identity
 from credit.core.errors import UserError
 from credit.core.state import same
 from credit.runs import job, starting
-from credit.runs.kept import POLICY, STEPS, begin_with, write_policy, write_steps
+from credit.runs.kept import AGENT, STEPS, begin_with, write_agent, write_steps
+from credit.runs.policies import read
 from credit.trainer import Trainer
 
 SHORT = ("method=reference", "trainer.steps=140", "tracking=none")
@@ -108,7 +109,7 @@ def test_what_was_given_is_part_of_the_state(composed: Composed, log: Path) -> N
 
 @pytest.mark.thorough
 def test_a_run_goes_on_to_the_bit(log: Path, tmp_path: Path, interrupt: Callable[..., None]) -> None:
-    words = ["method=disagreement", "trainer.steps=140", "trainer.log_every=5", "replicas=2", "keep=[steps,policy]"]
+    words = ["method=disagreement", "trainer.steps=140", "trainer.log_every=5", "replicas=2", "keep=[steps,agent]"]
     words += [f"demonstrations_from={log}"]
     whole = credit.run([*words, "tracking=none", f"output={tmp_path / 'whole'}"])
     interrupt(70, *words, f"output={tmp_path / 'half'}")
@@ -118,9 +119,10 @@ def test_a_run_goes_on_to_the_bit(log: Path, tmp_path: Path, interrupt: Callable
         pd.testing.assert_frame_equal(rows(one), rows(two))
         pd.testing.assert_frame_equal(pd.read_parquet(one / STEPS), pd.read_parquet(two / STEPS))
         assert len(pd.read_parquet(one / STEPS)) == 140  # its own, without those that it was given
+        assert same(read(one)["tables"], read(two)["tables"])
         with np.load(one / "recovery.npz") as first, np.load(two / "recovery.npz") as second:
             assert same(dict(first), dict(second))
-    assert [(folder / POLICY).exists() for folder in gone_on.folders] == [True, False]
+    assert [(folder / AGENT).exists() for folder in gone_on.folders] == [True, False]
 
 
 @pytest.mark.parametrize(
@@ -230,7 +232,7 @@ def test_an_agent_goes_on_from_another_runs_with_random_numbers_of_its_own(
 ) -> None:
     config = composed(*AGENTS[name])
     first = made(config)
-    write_policy(first, tmp_path)
+    write_agent(first, tmp_path)
     fresh, second = (schema.build(config, "trainer") for _ in range(2))
     for trainer in (fresh, second):
         trainer.start((5, 6))
@@ -261,18 +263,18 @@ def test_another_agent_is_refused(
 ) -> None:
     first = made(composed("method=reference", "trainer.steps=70"))
     (tmp_path / "seed-0").mkdir()
-    write_policy(first, tmp_path / "seed-0")
+    write_agent(first, tmp_path / "seed-0")
     config = composed(*words, "trainer.steps=70")
     for place in (tmp_path, tmp_path / "seed-0", tmp_path / "seed-1"):  # one file serves all seeds
         with pytest.raises(UserError, match=said):
             made({**config, "policy_from": str(place)}, seeds)
-    with pytest.raises(UserError, match=r"no policy.pt lies there; compute that run with keep=\[policy\]"):
+    with pytest.raises(UserError, match=r"no agent.pt lies there; compute that run with keep=\[agent\]"):
         made({**config, "policy_from": str(tmp_path / "none")}, seeds)
 
 
 @pytest.mark.thorough
 def test_networks_of_other_sizes_are_refused(composed: Composed, tmp_path: Path) -> None:
-    write_policy(made(composed(*WORLDS["Pendulum"])), tmp_path)
+    write_agent(made(composed(*WORLDS["Pendulum"])), tmp_path)
     other = schema.build(composed(*WORLDS["Pendulum"], "agent.width=32"), "trainer")
     other.start(SEEDS)
     with pytest.raises(UserError, match=r"agent\.actor.* has the shape .* give agent.… the same sizes"):
@@ -285,4 +287,4 @@ def test_the_check_says_what_does_not_fit(composed: Composed, log: Path, tmp_pat
     (wrong,) = job.check({**config, "demonstrations_from": str(log)}).problems
     assert wrong.startswith(f"demonstrations_from: {log}: observation of row")
     (wrong,) = job.check({**config, "policy_from": str(tmp_path)}).problems
-    assert "no policy.pt lies there" in wrong
+    assert "no agent.pt lies there" in wrong

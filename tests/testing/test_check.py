@@ -12,6 +12,7 @@ from torch import Tensor
 from credit.agents.q_learning import QLearning
 from credit.core.component import Component
 from credit.core.errors import UserError
+from credit.core.policy import Policy
 from credit.core.problem import Problem
 from credit.core.seams import Environment, FeatureMap, Mixer, Transitions
 from credit.envs.advertiser.environment import Advertiser
@@ -105,12 +106,32 @@ class Abroad(Identity):
     knows: ClassVar = dict
 
 
+class Best(Policy):
+    """The action of the largest Q, which is looked up when it is asked for."""
+
+    def __init__(self, agent: QLearning) -> None:
+        self._agent = agent
+
+    def act(self, states: Tensor, step: Tensor) -> Tensor:
+        return self._agent._q.argmax(-1).gather(1, states)
+
+
+class Forgets(QLearning):
+    """Says that its policy looks at nothing that was learned."""
+
+    acts: ClassVar = ()
+
+    def policies(self) -> dict[str, Policy]:
+        return {"behaviour": Best(self)}
+
+
 class Half(FeatureMap):
     """Not yet written."""
 
 
 DEFAULT = [
     (OfOneSize, ["OfOneSize in experiment=advertiser", "M = 1 with huge proxies", "sum to one"]),
+    (Forgets, ["Forgets in experiment=advertiser", "kept and made anew, does something else", "name in `acts`"]),
     (Upside, ["Upside", "two steps changed their order"]),
 ]
 SLOW = [

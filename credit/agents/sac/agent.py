@@ -24,6 +24,7 @@ class SAC(Learner, Agent):  # noqa: D101 - the learner's docstring is its own
     __doc__ = Learner.__doc__
     actions: ClassVar[Kind] = "vector"
     keeps: ClassVar = (*Learner.keeps, "memory", "_diagnostics")
+    acts: ClassVar = ("actor", "average")
 
     def start(self, problem: Problem) -> None:
         """Make the networks and an empty memory.

@@ -69,6 +69,7 @@ class TorchRL(Seeing, Agent):
     """
 
     keeps: ClassVar = ("_learners", "_noise", "_replay", "_rounds", "_acted", "_told")
+    acts: ClassVar = ("_learners",)
 
     def __init__(
         self,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import torch
 from tensordict import TensorDict
@@ -83,6 +83,11 @@ class Learner(Stateful):
             raise
         self._require_finite()
         return told
+
+    def acting(self) -> dict[str, Any]:
+        """The actor's weights, without the critics'."""
+        mine = {name: weight for name, weight in self.loss.state_dict().items() if name.startswith("actor")}
+        return {"loss": ["state", mine]}
 
     def _step(self, data: TensorDict) -> dict[str, Tensor]:
         self.updates += 1

@@ -29,6 +29,7 @@ class Noise(Stateful):
     """
 
     keeps: ClassVar = ("_episodes",)
+    acts: ClassVar = ()
 
     def __init__(self, problem: Replicas, purpose: str, kind: NoiseKind, width: int) -> None:
         self._seeds, self._device = problem.seeds, problem.device

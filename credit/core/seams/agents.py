@@ -16,7 +16,13 @@ from credit.core.windows import Windows
 
 
 class Agent(Component):
-    """The policy optimizer that consumes relabelled rewards."""
+    """The policy optimizer that consumes relabelled rewards.
+
+    Every finished run keeps what acts: tables, where all `policies` are `TablePolicy`; else the part of the state that
+    policies look at (`acts`; without it all but optimizers, random numbers and credit's replay). A seed's own part of
+    it is taken out, so tensors begin with R, or stand in a list of R. Laid over the state of an agent that was just
+    started, its policies must do what those of the run did.
+    """
 
     @abstractmethod
     def start(self, problem: Problem) -> None:

@@ -208,6 +208,14 @@ class Environment(Component):
         """Steps [n] at which pictures look at a reward; none by default."""
         return None
 
+    def filmed(self) -> Environment | None:
+        """Another of the same, to be started, whose first copy can be looked at by `frame`; None where none can."""
+        return None
+
+    def frame(self) -> Any:
+        """A picture of the first copy as it is now [height, width, 3] uint8, where this is a `filmed` one."""
+        raise NotImplementedError
+
     def picture(self, replica: int) -> dict[str, Any]:
         """Name → array: what pictures of a run need beside its own windows; nothing by default."""
         return {}

@@ -72,6 +72,19 @@ class TabularMDP:
         """The stationary distribution [S] of π*."""
         return solve.stationary(self.transition, self.optimal.policy, self.initial)
 
+    def gains(self, policies: Tensor) -> Tensor:
+        """The average reward of a step [R], where there are several that from the start on.
+
+        Args:
+            policies: actions [R, S], or probabilities of actions [R, S, A].
+        """
+        chances = policies.cpu() if policies.dim() == 3 else torch.nn.functional.one_hot(policies.cpu(), self.actions)
+        first, found = torch.zeros(self.states, dtype=torch.int64), list[Tensor]()
+        for own in chances.to(self.reward):
+            chain = torch.einsum("sa,sat->st", own, self.transition).unsqueeze(1)  # a task of one action
+            found.append((solve.stationary(chain, first, self.initial) * (own * self.reward).sum(-1)).sum())
+        return torch.stack(found)
+
     @cached_property
     def diameter(self) -> float:
         """D of appendix C.1.1, in steps."""
@@ -126,7 +139,7 @@ class TabularEnvironment(ExactEnvironment):
                 f"asks for {objective!r}; choose a feedback whose objective is 'sum', like block_sum"
             )
         mdp = self.mdp
-        return ContinuingTruth(float(mdp.optimal.gain), mdp.optimal.policy, mdp.occupancy, mdp.reward)
+        return ContinuingTruth(float(mdp.optimal.gain), mdp.optimal.policy, mdp.occupancy, mdp.reward, mdp.gains)
 
 
 class TabularGymEnv(gymnasium.Env[int, int]):

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 
 import gymnasium
 
-from credit.core.errors import RunError
+from credit.core.errors import RunError, UserError
 
 Make = Callable[[], "gymnasium.Env[Any, Any]"]
 
@@ -60,6 +60,17 @@ class Here:
     def step(self, which: Sequence[int], actions: Sequence[Any]) -> list[Out]:
         """One step each."""
         return [Out(*told(self._envs[n].step, n, action)) for n, action in zip(which, actions, strict=True)]
+
+    def frame(self) -> Any:
+        """A picture of the first.
+
+        Raises:
+            UserError: a package for that is not installed.
+        """
+        try:
+            return self._envs[0].render()
+        except gymnasium.error.DependencyNotInstalled as error:
+            raise UserError(f"pictures need a package that is not installed: {error}") from None
 
     def close(self) -> None:
         """Let all go."""

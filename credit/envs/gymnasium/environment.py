@@ -9,7 +9,7 @@ from typing import Any, Literal
 from credit.core.errors import UserError
 from credit.core.ranges import NonNegativeInt, PositiveInt
 from credit.core.truth import EpisodicTruth
-from credit.envs.gymnasium.copies import Copies, Make
+from credit.envs.gymnasium.copies import Copies, Here, Make
 from credit.envs.gymnasium.listed import Listed
 from credit.envs.gymnasium.making import NO_LIMIT, make
 from credit.envs.gymnasium.pools import Pooled, Pools
@@ -63,6 +63,17 @@ class Gymnasium(Singles):
                     f"env.{key}={value}: EnvPool's environments are stepped in its own threads, as they are; leave "
                     "that out, or env.backend=envpool"
                 )
+
+    def filmed(self) -> Gymnasium | None:
+        """The same in this process, which renders `rgb_array`; None where that is none of its render modes."""
+        if self.backend != "gymnasium" or "rgb_array" not in (self._one.metadata.get("render_modes") or ()):
+            return None
+        return type(self)(**{**self._keys, "kwargs": {**self.kwargs, "render_mode": "rgb_array"}, "workers": 0})
+
+    def frame(self) -> Any:
+        """What the first copy renders."""
+        assert isinstance(self._copies, Here)
+        return self._copies.frame()
 
     @property
     def called(self) -> str:

@@ -130,8 +130,13 @@ class Singles(Described):
 
     def twin(self) -> Singles:
         """Another of the same, to be started."""
+        return type(self)(**self._keys)
+
+    @property
+    def _keys(self) -> dict[str, Any]:
+        """What it was made of."""
         keys = {key: getattr(self, key) for key in inspect.signature(type(self)).parameters if key != "horizon"}
-        return type(self)(**keys, horizon=self.endless)
+        return {**keys, "horizon": self.endless}
 
     def state_dict(self) -> dict[str, Any]:
         """How many episodes each copy has begun, and what it has done in the one that is open."""

@@ -13,13 +13,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import imageio.v2 as imageio
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from credit.envs.pointmaze.maze import Maze
 from credit.envs.pointmaze.physics import HEIGHT, model
+from credit.report.video import write_video
 
 EPISODES = 3
 EVERY, FPS = 4, 25  # a step is .01 s: real time
@@ -86,14 +86,9 @@ def film(source: Path, target: Path) -> None:
         episodes = np.split(data["evaluation/states"], np.cumsum(data["evaluation/lengths"])[:-1])[:EPISODES]
         goals = data["evaluation/goals"]
     painter = Painter(maze)
-    part = target.with_suffix(".part.mp4")
-    writer: Any  # its type knows no append_data
-    with imageio.get_writer(part, fps=FPS, codec="libx264", quality=6) as writer:
-        for states, goal in zip(episodes, goals, strict=False):
-            for frame in painter.frames(states, goal):
-                writer.append_data(frame)
+    pairs = zip(episodes, goals, strict=False)
+    write_video(target, (frame for states, goal in pairs for frame in painter.frames(states, goal)), FPS)
     painter.close()
-    part.replace(target)
 
 
 def main(jobs: list[tuple[str, str]]) -> None:

@@ -49,14 +49,18 @@ def make_videos(comparisons: Sequence[Comparison], folder: Path, seed: int | Non
         if path not in sources or path.stat().st_mtime < sources[path].stat().st_mtime:
             path.unlink()
     missing = {video: source for video, source in sources.items() if not video.exists()}
-    problem = _render(missing) if missing else ""
+    problem = render(missing) if missing else ""
     for path in folder.glob("policy_*.part.mp4"):
         path.unlink()
     return [video for video in sources if video.exists()], f"No new videos: {problem}." if problem else ""
 
 
-def _render(sources: Mapping[Path, Path]) -> str:
-    """Film in another process; returns what stood in the way."""
+def render(sources: Mapping[Path, Path]) -> str:
+    """Film in another process; returns what stood in the way.
+
+    Args:
+        sources: video → the arrays of a run's trajectories.
+    """
     absent = [name for module, name in PACKAGES.items() if importlib.util.find_spec(module) is None]
     if absent:
         return f"they need `pip install {' '.join(absent)}`"
