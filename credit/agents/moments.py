@@ -9,7 +9,8 @@ from credit.core.policy import Policy, TablePolicy
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Encoder, FeatureMap
 from credit.core.steps import Steps
-from credit.networks.perceptron import PRECISION, ReplicaNetwork
+from credit.networks.perceptron import PRECISION
+from credit.networks.replicated import ReplicaNetwork
 
 
 class Moments:

@@ -12,6 +12,7 @@ from credit.core.cells import PAIRS, Cells
 from credit.core.policy import Policy, TablePolicy
 from credit.core.problem import Problem
 from credit.core.seams import Agent, CreditAssigner, Transition
+from credit.core.state import Packed
 from credit.core.store import Store
 from credit.core.windows import Windows
 
@@ -29,7 +30,7 @@ class Planner(Agent):
 
     observations: ClassVar = "finite"
     actions: ClassVar = "finite"
-    keeps: ClassVar[tuple[str, ...]] = ("transition", "_actions", "_total", "_visits", "_arrivals", "_ends")
+    keeps: ClassVar[tuple[str, ...]] = ("transition", "_actions", "_greedy", "_total", "_visits", "_arrivals", "_ends")
     acts: ClassVar[tuple[str, ...] | None] = ("_actions",)
     _actions: Tensor  # of the last plan, [R, S] or [R, T, S]
 
@@ -42,7 +43,8 @@ class Planner(Agent):
         self.transition.start(problem)
         self._total, self._visits = problem.zeros(problem.pairs), problem.zeros(problem.pairs)
         self._arrivals, self._ends = problem.zeros(problem.states), problem.zeros(problem.states)  # N(s'), and the last
-        self._rewards: tuple[Cells, Tensor, Tensor] | None = None
+        self._rewards: tuple[Cells, Tensor, Tensor] | None = None  # of the last plan; None where it was another's
+        self._greedy = torch.zeros(0, dtype=torch.int64)  # as planned when somebody last looked
 
     def act(self, states: Tensor, step: Tensor) -> Tensor:
         """What the plan says."""
@@ -58,11 +60,20 @@ class Planner(Agent):
 
     def policies(self) -> dict[str, Policy]:
         """The optimistic policy, and the one that plans with the mixed reward alone."""
-        if self._rewards is None:
-            return {"behaviour": self._follow(self._actions)}
-        cells, _, reward = self._rewards
-        greedy = self.plan(cells, reward, anew=False)
+        self._look_ahead()
+        greedy = self._greedy if self._greedy.numel() else self._actions
         return {"behaviour": self._follow(self._actions), "greedy": self._follow(greedy)}
+
+    def state_dict(self) -> dict[str, Packed]:
+        """With what the greedy policy does: the rewards that it follows from are no part of the state."""
+        self._look_ahead()
+        return super().state_dict()
+
+    def _look_ahead(self) -> None:
+        """Plan with the mixed reward alone, where that was not done since the last plan."""
+        if self._rewards is not None:
+            cells, _, reward = self._rewards
+            self._greedy, self._rewards = self.plan(cells, reward, anew=False), None
 
     def executed(self) -> Policy:
         """The optimistic policy."""

@@ -55,7 +55,7 @@ def predicted(assigner: CreditAssigner, steps: Steps) -> Tensor:
     """
     if (reason := why_not(assigner)) is not None:
         raise UserError(reason)
-    if assigner.belief() is None:
+    if (belief := assigner.belief()) is None or not belief.mixed.shape[-1]:
         raise UserError("this assigner has seen no windows yet: `fit` it to some first")
     assert isinstance(assigner, Believes)
     with torch.no_grad():

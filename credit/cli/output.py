@@ -93,7 +93,7 @@ def surviving() -> Iterator[None]:
     for stream in before:
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="plainly")
-    sys.stdout, sys.stderr = (Surviving(stream) for stream in before)  # type: ignore[assignment]
+    sys.stdout, sys.stderr = (Surviving(stream) for stream in before)
     try:
         yield
         sys.stdout.flush()

@@ -48,7 +48,7 @@ class Recovery(CreditAssigner):
         >>> recovery.belief().mixed, recovery.rewards(windows)
     """
 
-    keeps: ClassVar = ("models", "_uncertainties", "mixer", "bonus", "scaler", "_places")
+    keeps: ClassVar = ("models", "_uncertainties", "mixer", "bonus", "scaler", "_places", "_learned")
     _belief: Belief | None = None
     _rewards: Tensor | None = None
 
@@ -92,8 +92,9 @@ class Recovery(CreditAssigner):
             every = torch.arange(self._places.cells.count, device=problem.device)
             looks = [model.looks() for model in self.models]
             self._alike = Alike([every if own is None else own for own in looks])
-        self._belief = self._believe(Store(problem)) if problem.tabular else None
-        self._rewards = self._mixed_rewards = None if self._belief is None else self._belief.plan
+        self._learned = False
+        self._belief = self._believe(Store(problem)) if problem.tabular else self._nowhere(problem)
+        self._rewards = self._mixed_rewards = self._belief.plan if problem.tabular else None
 
     def _check_uncertainties(self) -> None:
         """Gaps are over common draws (9), and labels are held out by one bootstrap for all."""
@@ -174,6 +175,21 @@ class Recovery(CreditAssigner):
         self._places.extend(store)
         for model in self.models:
             model.observe(store)
+        self._learned = True
+        self._recover(store)
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state; what was believed follows from the models, without a look at a random number."""
+        super().load_state_dict(state)
+        if self._learned:
+            self._recover(None)
+            super().load_state_dict(state)  # bonuses and scalers may have drawn, or moved
+
+    def _names(self) -> tuple[str, ...]:
+        return (*super()._names(), *(() if self._errors is None else ("_errors",)))
+
+    def _recover(self, store: Store | None) -> None:
+        """What is believed of every place; without a store, label errors are as they were."""
         if self.relabel != "all":
             self._look_at_some()
             return
@@ -219,7 +235,7 @@ class Recovery(CreditAssigner):
         Raises:
             UserError: there were no windows yet; or these are others, where each row has a reward of its own.
         """
-        if self.relabel != "all" and self._belief is not None:
+        if self.relabel != "all" and self._learned:
             return self.at(self._places.index(windows))
         if self._rewards is None:
             raise UserError("this recovery has seen no windows yet: `observe` a store of them, or `fit` to some, first")
@@ -250,13 +266,20 @@ class Recovery(CreditAssigner):
         """What is believed of some steps, by the number of their row [R, m]."""
         return self._with_bonuses(self._mixed([model.estimate(rows) for model in self.models], None), None)
 
-    def _believe(self, store: Store) -> Belief:
+    def _nowhere(self, problem: Problem) -> Belief:
+        """What is believed of no place at all: models have names, and nothing more."""
+        count = len(self.models)
+        each, one = torch.zeros(problem.replicas, count, 0), torch.zeros(problem.replicas, 0)
+        draws = (None,) * count
+        return Belief(self.names, each, draws, each, each[:, 1:], each, one.long(), one, {}, one)
+
+    def _believe(self, store: Store | None) -> Belief:
         """What is believed of all places."""
         at, column, visits = None, None, self._places.visits
         if self._alike is not None and visits is not None and self._alike.saves and self._draws:
             at, column = self._alike.choose(visits)
         estimates = [model.estimate(at) for model in self.models]
-        if self.mixer.sees_label_errors:
+        if self.mixer.sees_label_errors and store is not None:
             index = self._places.index(store.windows) if len(store) else None
             if index is not None and column is not None:
                 index = column.gather(1, index)

@@ -107,6 +107,8 @@ def grid_arrays(replica: int, grid: Steps, rounds: list[tuple[int, Belief]]) -> 
 
 def online_arrays(replica: int, trainer: Trainer) -> Arrays:
     """`online/states` [n, O], window after window, `online/lengths` and `online/labels` [K], NaN for none."""
+    if not len(trainer.store):  # no label came
+        return {}
     windows, skipped = trainer.store.windows, trainer.given
     first = int(windows.ends[replica, skipped - 1]) + 1 if skipped else 0
     last = int(windows.ends[replica, -1]) + 1

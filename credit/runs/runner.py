@@ -79,14 +79,16 @@ def compose(
 
 def _wrong(first: UserError, overrides: Sequence[str], config_dirs: Sequence[str]) -> list[str]:
     """What is wrong with each word that cannot be composed, and with what the others come to; Hydra tells the first."""
-    groups = [text for text in overrides if text.partition("=")[0].partition("@")[0] in {*KINDS, *CHOICES}]
+    kept = [text for text in overrides if text.partition("=")[0].partition("@")[0] in {*KINDS, *CHOICES}]
     said: dict[str, str] = {}
-    for text in overrides:
-        if text not in groups:
-            try:
-                registry.compose([*groups, text], config_dirs)
-            except UserError as error:
-                said[text] = str(error)
+    keys = [text for text in overrides if text not in kept]
+    for text in sorted(keys, key=lambda text: not text.startswith("env.")):  # an environment decides what else there is
+        try:
+            registry.compose([*kept, text], config_dirs)
+        except UserError as error:
+            said[text] = str(error)
+        else:
+            kept.append(text)
     if not said:
         return [str(first)]
     try:

@@ -60,7 +60,7 @@ class Work:
         self.record = JobRecord(session, number, time.time(), facts)
         for seed in group.wanted:
             write_yaml(found.of(seed) / "config.yaml", {**config, "seed": seed, "replicas": 1, "rerun": False})
-        self._saved, self._rounds = time.monotonic(), self.trainer.rounds
+        self._saved, self._rounds = time.monotonic(), 0
         self._news = self.job.title
         self._policy = ""  # why it was not kept
 
@@ -117,7 +117,7 @@ class Work:
             "trainer": self.trainer.state_dict(),
         }
         checkpoint.save(self._file, content)
-        self._saved, self._rounds = time.monotonic(), self.trainer.rounds
+        self._saved, self._rounds = time.monotonic(), 0
 
     def _go_on(self, state: Mapping[str, Any]) -> None:
         """Become what was interrupted, before anything is written."""
@@ -131,7 +131,8 @@ class Work:
             ) from error
 
     def _between(self, stop: signals.Stop) -> None:
-        due = self.trainer.rounds - self._rounds >= self.job.checkpoint_rounds
+        self._rounds += 1
+        due = self._rounds >= self.job.checkpoint_rounds
         if stop or (due and time.monotonic() - self._saved >= self.job.checkpoint_seconds):
             self.save()
         if stop:

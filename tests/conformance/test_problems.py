@@ -96,6 +96,8 @@ def went_well(config: dict[str, Any]) -> None:
     trainer, rows = made(config), list[tuple[int, dict[str, torch.Tensor]]]()
     trainer.run(lambda step, values: rows.append((step, values)))
     assert rows[-1][0] == 72
+    for step, values in rows:  # a journal has one header
+        assert list(values) == list(rows[0][1]), step
     for name, value in rows[-1][1].items():
         assert value.shape == (2,), name
     metric = trainer.judge.metric
