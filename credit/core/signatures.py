@@ -102,7 +102,7 @@ def describe(hint: Any) -> str:
     if origin is dict:
         return f"a mapping: {describe(inner[0])} → {describe(inner[1])}"
     if origin is not None and inner:
-        return f"list of {describe(inner[0])}"
+        return f"list of {part}" if " or " not in (part := describe(inner[0])) else f"list of ({part})"
     return "null" if hint is type(None) else str(getattr(hint, "__name__", hint))
 
 

@@ -20,7 +20,7 @@ from credit.core.steps import Steps
 from credit.core.windows import Windows
 from credit.envs.pointmaze.demonstrations import Demonstrations, describe, driven, recorded
 from credit.envs.pointmaze.geometry import MazeKnowledge
-from credit.envs.pointmaze.maze import Cell, Maze
+from credit.envs.pointmaze.maze import Cell, Maze, Row
 from credit.envs.pointmaze.physics import Balls, noise
 from credit.envs.pointmaze.task import RADIUS, Task
 
@@ -49,7 +49,7 @@ class PointMaze(Environment):
 
     def __init__(
         self,
-        maze: str | Sequence[str] = "Medium",
+        maze: str | Sequence[Row] = "Medium",
         start: Sequence[int] = (1, 1),
         goal: Sequence[int] = (6, 6),
         successes: NonNegativeInt = 10,
@@ -181,9 +181,9 @@ class PointMaze(Environment):
         """
         offset = (torch.arange(per_cell) + 0.5) / per_cell - 0.5
         within = torch.cartesian_prod(offset, offset)
-        cells = [cell for cell in self.maze.free if self.maze.connects(cell, self.goal)]
-        ahead = [self.maze.path(cell, self.goal)[:2][-1] for cell in cells]  # of the goal, the goal
-        centres, targets = (torch.tensor([self.maze.xy(cell) for cell in part]).unsqueeze(1) for part in (cells, ahead))
+        ahead = self.maze.ahead(self.goal)
+        parts = (ahead.keys(), ahead.values())
+        centres, targets = (torch.tensor([self.maze.xy(cell) for cell in part]).unsqueeze(1) for part in parts)
         places = (centres + within).flatten(0, 1)
         ways = (targets - centres).expand(-1, len(within), -1).flatten(0, 1)
         ways = torch.where(
