@@ -8,7 +8,7 @@ from pathlib import Path
 
 from credit.cli.main import guarded
 from credit.core.errors import UserError
-from credit.tracking.sessions import all_sessions, damaged, lives, pending, store_of
+from credit.tracking.sessions import all_sessions, damaged, lacking, lives, pending, store_of
 from credit.tracking.store import quiet_environment
 
 HELP = """\
@@ -53,7 +53,7 @@ def sync(folder: Path) -> int:
             "give the folder that `output=` named when training"
         )
     os.environ.update(quiet_environment())
-    chosen = [folder] if single else [*filter(lives, all_sessions(output)), *pending(output)]
+    chosen = [folder] if single else [*filter(lives, all_sessions(output)), *pending(output), *lacking(output)]
     failing: set[str] = set()
     worked = [_sync(session, output, failing) for session in chosen]
     unread = [] if single else damaged(output)

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from credit.core.naming import metric_name
 from credit.tracking.store import open_experiment, quiet_environment, resolve_uri
 
 MAX_METRICS = 1000
@@ -54,13 +55,11 @@ def log_report(output: Path, uri: str | None, experiment: str, folder: Path, met
     os.environ.update(quiet_environment())
     from mlflow.entities import Metric
 
-    from credit.tracking.describe import safe_name
-
     client, identity = open_experiment(resolve_uri(uri, output), output, experiment)
     now = round(time.time() * 1000)
     run = client.create_run(identity, now, {"level": "report"}, run_name="compare").info.run_id
     # One section of the UI holds them all, folded: beside the curves they would be hundreds of bars.
-    names = {name: safe_name(f"report/{name.replace('/', '_')}") for name in metrics}
+    names = {name: metric_name(f"report/{name.replace('/', '_')}") for name in metrics}
     points = [Metric(names[name], x, now, 0) for name, x in metrics.items() if math.isfinite(x)]
     for start in range(0, len(points), MAX_METRICS):
         client.log_batch(run, metrics=points[start : start + MAX_METRICS])

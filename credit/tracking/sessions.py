@@ -81,12 +81,15 @@ def all_sessions(output: Path) -> list[Path]:
 
 
 def store_of(session: Path, output: Path) -> tuple[str, Seeds] | None:
-    """The resolved address of a session's store and its choice of seeds; None where it is not tracked."""
-    if (state := State.read(session)) is not None:
-        return state.uri, state.seeds
+    """The resolved address of a session's store and its choice of seeds; None where it is not tracked.
+
+    The folder's own store is where the folder is now; any other, where it was when the session began.
+    """
     chosen = read_session(session)["tracking"]
     if chosen is None or "uri" not in chosen:
         return None
+    if chosen["uri"] is not None and (state := State.read(session)) is not None:
+        return resolve_uri(state.uri, output), state.seeds
     return resolve_uri(chosen["uri"], output), chosen["seeds"]
 
 
@@ -107,6 +110,16 @@ def damaged(output: Path) -> list[str]:
         except UserError as error:
             found.append(str(error))
     return found
+
+
+def lacking(output: Path) -> Iterator[Path]:
+    """Sessions with runs that MLflow refused, so that it does not have everything of them."""
+    for session in all_sessions(output):
+        with suppress(OSError, ValueError, KeyError):
+            ledger = json.loads((session / LEDGER_FILE).read_text(encoding="utf-8"))
+            refused = any(entry["problem"] for entry in ledger["runs"].values())
+            if refused and store_of(session, output) and not lives(session) and _complete(session):
+                yield session
 
 
 def _complete(session: Path) -> bool:

@@ -13,7 +13,7 @@ from credit.core.belief import Estimate
 from credit.core.cells import Axis
 from credit.core.checks import require_finite
 from credit.core.problem import Problem
-from credit.core.ranges import NonNegative, Positive, PositiveInt
+from credit.core.ranges import Name, NonNegative, Positive, PositiveInt
 from credit.core.seams import FeatureMap, Likelihood, Places, RewardModel
 from credit.core.steps import Steps
 from credit.core.store import Store
@@ -66,7 +66,7 @@ class NeuralModel(RewardModel):
 
     def __init__(
         self,
-        name: str,
+        name: Name,
         features: FeatureMap,
         uncertainty: NetworkUncertainty,
         width: PositiveInt = 64,
