@@ -21,6 +21,7 @@ from credit.core.windows import Windows
 from credit.envs.pointmaze.demonstrations import Demonstrations, describe, driven, recorded
 from credit.envs.pointmaze.geometry import MazeKnowledge
 from credit.envs.pointmaze.maze import Cell, Maze, Row
+from credit.envs.pointmaze.outside import require
 from credit.envs.pointmaze.physics import Balls, noise
 from credit.envs.pointmaze.task import RADIUS, Task
 
@@ -214,11 +215,7 @@ class PointMaze(Environment):
         source = str(self.demonstrations_from)
         if Path(source).suffix == ".npz":
             found = Demonstrations.load(source)
-            if (longest := max(found.lengths, default=0)) > self._task.horizon:
-                raise UserError(
-                    f"demonstrations {source}: one has {longest} steps, and the horizon is {self._task.horizon}; they "
-                    "are of another task; give others, or a larger feedback.window"
-                )
+            require(source, found, self._task)
             return found
         return recorded(source, self._task)
 
