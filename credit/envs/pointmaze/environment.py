@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from credit.core.errors import UserError
@@ -21,7 +22,7 @@ from credit.core.windows import Windows
 from credit.envs.pointmaze.demonstrations import Demonstrations, describe, driven, recorded
 from credit.envs.pointmaze.geometry import MazeKnowledge
 from credit.envs.pointmaze.maze import Cell, Maze, Row
-from credit.envs.pointmaze.outside import require
+from credit.envs.pointmaze.outside import in_walls, require
 from credit.envs.pointmaze.physics import Balls, noise
 from credit.envs.pointmaze.task import RADIUS, Task
 
@@ -142,6 +143,10 @@ class PointMaze(Environment):
     def _of_copies(self, values: np.ndarray) -> Tensor:
         """Values [R·K, ...] of the balls as [R, K, ...] on the problem's device."""
         return torch.from_numpy(values.reshape(*self._shape, *values.shape[1:])).to(self._problem.device)
+
+    def impossible(self, states: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
+        """In walls, and outside."""
+        return in_walls(states, self.maze)
 
     def demonstrations(self) -> tuple[Windows, Tensor] | None:
         """The labelled trajectories that all methods start from, and their primitive rewards [R, n].
