@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -50,6 +51,13 @@ def name(text: str) -> str:
     """One name."""
     (name,) = names(text)
     return name
+
+
+def number(text: str) -> float:
+    """A finite number."""
+    if not math.isfinite(found := float(text)):
+        raise ValueError(text)
+    return found
 
 
 def whole(least: int) -> Callable[[str], int]:

@@ -85,8 +85,8 @@ class Logged:
             row = int(np.flatnonzero(going)[wrong.argmax()])
             raise UserError(
                 f"{self.source}: next_observation {self.next_states[row].tolist()} of {self.where(row)} is not the "
-                f"observation {self.states[row + 1].tolist()} of the next row; steps of an episode follow each other, and others "
-                "are of another episode (column episode)"
+                f"observation {self.states[row + 1].tolist()} of the next row; steps of an episode follow each other, "
+                "and others are of another episode (column episode)"
             )
         if problem.episodic and (late := self.step >= problem.horizon).any():
             row = int(late.argmax())
