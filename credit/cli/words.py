@@ -22,10 +22,13 @@ def read_words(argv: Sequence[str], readers: Mapping[str, Reader], command: str)
     """
     arguments: dict[str, Any] = {}
     problems = []
+    given: dict[str, str] = {}
     for word in argv:
         key, equals, text = word.partition("=")
         if not equals:
             problems.append(f"{word!r} is not of the form KEY=VALUE")
+        elif key in given:
+            problems.append(f"{key} is given twice ({given[key]!r} and {word!r}); leave one of them out")
         elif key not in readers:
             problems.append(f"unknown key {key!r} (in {word!r}); {nearest(key, readers)}")
         else:
@@ -34,6 +37,7 @@ def read_words(argv: Sequence[str], readers: Mapping[str, Reader], command: str)
                 arguments[argument] = reader(text)
             except (ValueError, KeyError):
                 problems.append(f"{key}={text}: expected {allowed}")
+        given.setdefault(key, word)
     if problems:
         raise UserError("\n".join([*problems, f"`credit {command} --help` lists what can be set"]))
     return arguments

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from pathlib import Path
 
 import pytest
 from mlflow import MlflowClient
 
+from credit.tracking.describe import sweep_card
 from credit.tracking.mirror import Mirror
 from credit.tracking.sessions import lacking, pending, store_of
 from credit.tracking.store import client_of, follow, open_experiment, resolve_uri, sqlite_file, uri_problem
@@ -107,3 +109,15 @@ def test_what_mlflow_refused_is_still_lacking(
 def test_the_environment_names_a_store(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "nowhere")
     assert "'nowhere' (by the environment's MLFLOW_TRACKING_URI) is not a tracking URI" in str(uri_problem("nowhere"))
+
+
+@pytest.mark.parametrize("error", [KeyError, OSError])
+def test_a_number_without_a_name_is_a_user(
+    session: FakeSession, monkeypatch: pytest.MonkeyPatch, error: type[Exception]
+) -> None:
+    def nobody() -> str:
+        raise error("getpwuid(): uid not found: 54321")
+
+    monkeypatch.setattr("getpass.getuser", nobody)
+    card = sweep_card(session._session)
+    assert card.tags["mlflow.user"] == str(os.getuid())
