@@ -124,5 +124,5 @@ def _limits(limits: tuple[Any, ...]) -> list[str]:
         for name, sign in signs.items()
         if getattr(limit, name, None) is not None
     ]
-    said = [f"({limit.func.__doc__.rstrip('.')})" for limit in limits if isinstance(limit, Predicate)]
+    said = [f"({(limit.func.__doc__ or '').rstrip('.')})" for limit in limits if isinstance(limit, Predicate)]
     return [" and ".join(found), *said] if found else said

@@ -27,7 +27,9 @@ COLUMNS: dict[str, tuple[Any, ...]] = {  # name → type, and what a row of it h
 }
 
 
-def require_track(where: str, states: NDArray[np.floating[Any]], actions: NDArray[np.floating], maze: Maze) -> None:
+def require_track(
+    where: str, states: NDArray[np.floating[Any]], actions: NDArray[np.floating[Any]], maze: Maze
+) -> None:
     """Refuse what no ball does in a maze.
 
     Args:
@@ -111,8 +113,8 @@ def in_walls(states: NDArray[np.floating[Any]], maze: Maze) -> NDArray[np.bool_]
 
 
 def _rules(
-    states: NDArray[np.floating[Any]], actions: NDArray[np.floating], maze: Maze
-) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.floating[Any]], str, str]]:
+    states: NDArray[np.floating[Any]], actions: NDArray[np.floating[Any]], maze: Maze
+) -> Iterator[tuple[NDArray[np.bool_], NDArray[Any], str, str]]:
     """What is wrong [n], of which values, what they are, and what is allowed; later rules need the earlier ones."""
     for name, values in (("state", states), ("action", actions)):
         yield ~np.isfinite(values).all(-1), values, f"the {name} is", "numbers must be finite"
@@ -122,4 +124,9 @@ def _rules(
     limit = f"at most {FASTEST:g} m/s are possible"
     yield (np.abs(states[:, 2:]) > FASTEST).any(-1), states[:, 2:], "the ball's speed is", limit
     moved, most = np.diff(states[:, :2], axis=0), FASTEST * TIMESTEP
-    yield (np.abs(moved) > most).any(-1), moved, "the ball moves by", f"at most {most:g} m in a step are possible"
+    yield (
+        np.asarray((np.abs(moved) > most).any(-1)),
+        moved,
+        "the ball moves by",
+        f"at most {most:g} m in a step are possible",
+    )
