@@ -74,6 +74,12 @@ def sqlite_file(uri: str) -> Path | None:
     return Path(url2pathname(uri.removeprefix(_SQLITE))) if uri.startswith(_SQLITE) else None
 
 
+def is_gone(uri: str) -> bool:
+    """Whether the folder of an SQLite store is not there any more: who has moved it wants no empty one in its place."""
+    file = sqlite_file(uri)
+    return file is not None and not file.parent.exists()
+
+
 @contextmanager
 def _only_one_process(uri: str, output: Path) -> Iterator[None]:
     """Alone on a store: on its file, where it is one, whichever output folder a process writes to."""

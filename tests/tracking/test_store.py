@@ -9,10 +9,12 @@ from pathlib import Path
 import pytest
 from mlflow import MlflowClient
 
+from credit.cli.sync import sync
 from credit.tracking.describe import sweep_card
 from credit.tracking.mirror import Mirror
 from credit.tracking.sessions import lacking, pending, store_of
 from credit.tracking.store import client_of, follow, open_experiment, resolve_uri, sqlite_file, uri_problem
+from credit.tracking.uploader import catch_up
 
 from .conftest import FakeSession
 
@@ -75,6 +77,18 @@ def test_a_session_that_moved_is_looked_for_where_it_is(tmp_path: Path) -> None:
     session.output.rename(tmp_path / "B")
     (moved,) = pending(tmp_path / "B")
     assert store_of(moved, tmp_path / "B") == (resolve_uri(None, tmp_path / "B"), "auto")
+
+
+def test_a_store_of_a_name_of_its_own_that_is_gone_is_not_made_anew(
+    tmp_path: Path, session: FakeSession, capsys: pytest.CaptureFixture[str]
+) -> None:
+    named = f"sqlite:///{tmp_path / 'gone' / 'mine.db'}"
+    session._session["tracking"]["uri"] = named
+    session.end()
+    assert sync(session.output) == 1
+    assert f"its store {named} is gone; move its folder back" in capsys.readouterr().err
+    catch_up(session.output)
+    assert not (tmp_path / "gone").exists()
 
 
 def test_what_mlflow_refused_is_still_lacking(
