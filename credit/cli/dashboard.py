@@ -53,7 +53,7 @@ def dashboard(output: Path = Path("outputs"), port: int = PORT, uri: str | None 
     Raises:
         UserError: there is no store, it cannot be read, or the port is taken.
     """
-    uri = os.environ.get(VARIABLE) if uri is None else uri
+    uri = uri if uri is not None else os.environ.get(VARIABLE) or None
     if problem := uri_problem(uri):
         raise UserError(problem.replace("tracking.uri=", "uri=", 1))
     uri = resolve_uri(uri, output)

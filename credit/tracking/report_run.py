@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from credit.core.naming import metric_name
-from credit.tracking.store import open_experiment, quiet_environment, resolve_uri
+from credit.tracking.store import VARIABLE, open_experiment, quiet_environment, resolve_uri
 
 MAX_METRICS = 1000
 
@@ -29,7 +29,7 @@ def log_beside_runs(output: Path, experiment: str, folder: Path, metrics: Mappin
     if tracking is None:
         return "Not logged to MLflow: the newest training session was not tracked."
     try:
-        log_report(output, tracking["uri"], experiment, folder, metrics)
+        log_report(output, tracking["uri"] or os.environ.get(VARIABLE), experiment, folder, metrics)
     except Exception as error:  # a store that is down must not cost the user the report
         reason = (str(error).splitlines() or [""])[0]
         return f"Not logged to MLflow: {type(error).__name__}: {reason}"

@@ -12,7 +12,7 @@ from typing import Any, Literal
 from credit.core.errors import UserError
 from credit.runs.journal import read_json, write_json
 from credit.runs.locks import Lock
-from credit.tracking.store import resolve_uri
+from credit.tracking.store import STORE, name_in, resolve_uri
 
 Seeds = Literal["auto", "all", "none"]
 PROGRESS_FILE, LEDGER_FILE = "tracking.json", "mlflow.json"
@@ -43,14 +43,16 @@ class State:
     def read(cls, session: Path) -> State | None:
         """What the uploader of a session said last; None where it said nothing."""
         try:
-            return cls(**json.loads((session / PROGRESS_FILE).read_text(encoding="utf-8")))
-        except (OSError, ValueError, TypeError):
+            known = json.loads((session / PROGRESS_FILE).read_text(encoding="utf-8"))
+            uri = None if known["uri"] == STORE else known["uri"]
+            return cls(**known | {"uri": resolve_uri(uri, session.parents[1])})
+        except (OSError, ValueError, TypeError, LookupError):
             return None
 
     def write(self, session: Path) -> None:
         """Say it; on a full disk nothing is said, since the upload matters more."""
         with suppress(OSError):
-            write_json(session / PROGRESS_FILE, asdict(self))
+            write_json(session / PROGRESS_FILE, asdict(self) | {"uri": name_in(session.parents[1], self.uri)})
 
 
 def read_session(session: Path) -> dict[str, Any]:
@@ -88,8 +90,8 @@ def store_of(session: Path, output: Path) -> tuple[str, Seeds] | None:
     chosen = read_session(session)["tracking"]
     if chosen is None or "uri" not in chosen:
         return None
-    if chosen["uri"] is not None and (state := State.read(session)) is not None:
-        return resolve_uri(state.uri, output), state.seeds
+    if (state := State.read(session)) is not None:
+        return state.uri, state.seeds
     return resolve_uri(chosen["uri"], output), chosen["seeds"]
 
 

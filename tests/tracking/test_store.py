@@ -10,9 +10,10 @@ import pytest
 from mlflow import MlflowClient
 
 from credit.cli.sync import sync
+from credit.tracking import MLflowTracking
 from credit.tracking.describe import sweep_card
 from credit.tracking.mirror import Mirror
-from credit.tracking.sessions import lacking, pending, store_of
+from credit.tracking.sessions import State, lacking, pending, store_of
 from credit.tracking.store import client_of, follow, open_experiment, resolve_uri, sqlite_file, uri_problem
 from credit.tracking.uploader import catch_up
 
@@ -74,6 +75,7 @@ def test_a_store_elsewhere_is_left_as_it_is(tmp_path: Path, fresh_store: Path) -
 def test_a_session_that_moved_is_looked_for_where_it_is(tmp_path: Path) -> None:
     session = FakeSession(tmp_path / "A")
     session.end()
+    State(resolve_uri(None, session.output), "auto").write(session.folder)
     session.output.rename(tmp_path / "B")
     (moved,) = pending(tmp_path / "B")
     assert store_of(moved, tmp_path / "B") == (resolve_uri(None, tmp_path / "B"), "auto")
@@ -120,9 +122,19 @@ def test_what_mlflow_refused_is_still_lacking(
     assert [*lacking(session.output)] == []
 
 
-def test_the_environment_names_a_store(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_environment_names_a_store(session: FakeSession, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "nowhere")
-    assert "'nowhere' (by the environment's MLFLOW_TRACKING_URI) is not a tracking URI" in str(uri_problem("nowhere"))
+    (problem,) = MLflowTracking().check(session.output)
+    assert "'nowhere' (by the environment's MLFLOW_TRACKING_URI) is not a tracking URI" in problem
+    assert MLflowTracking("sqlite:///typed.db").uri == "sqlite:///typed.db"
+    monkeypatch.delenv("MLFLOW_TRACKING_URI")
+    assert MLflowTracking().uri is None
+
+
+def test_a_session_knows_the_store_that_its_environment_named(session: FakeSession) -> None:
+    named = f"sqlite:///{session.output / 'e.db'}"
+    State(named, "all").write(session.folder)
+    assert store_of(session.folder, session.output) == (named, "all")
 
 
 @pytest.mark.parametrize("error", [KeyError, OSError])
