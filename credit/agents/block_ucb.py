@@ -10,6 +10,7 @@ import torch
 from annotated_types import Interval
 from torch import Tensor
 
+from credit.core.checks import require_finite
 from credit.core.errors import UserError
 from credit.core.policy import Policy, TablePolicy
 from credit.core.problem import Problem
@@ -88,7 +89,11 @@ class BlockUCB(Agent):
         return (self._macro.unsqueeze(1) // place) % self._problem.actions
 
     def improve(self, store: Store, assigner: CreditAssigner) -> None:
-        """Count the newest blocks and back up the values."""
+        """Count the newest blocks and back up the values.
+
+        Raises:
+            RunError: a value is not finite.
+        """
         windows = store.new
         rewards = windows.sums(assigner.rewards(windows))
         states, actions, arrivals = (windows.grid(x) for x in (windows.states, windows.actions, windows.next_states))
@@ -98,6 +103,7 @@ class BlockUCB(Agent):
             values = self._values()
             untried = torch.where(self._tried < self._macros, self._untried + self.discount * self._value, -torch.inf)
             self._value = untried.scatter_reduce(1, self._state[:, : values.shape[1]], values, "amax")
+        require_finite("Block-UCB: a value", self._value, self._problem.seeds, "; are the rewards finite?")
 
     def filled(self) -> Mapping[str, int]:
         """As many slots as any replica uses."""

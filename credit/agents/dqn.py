@@ -13,6 +13,7 @@ from torch.nn.functional import mse_loss, smooth_l1_loss
 from credit.agents.exploring import EpsilonGreedy
 from credit.agents.moments import Moments, Vectors
 from credit.agents.seeing import Seeing
+from credit.core.checks import require_finite
 from credit.core.component import Kind, Setting
 from credit.core.errors import UserError
 from credit.core.policy import Policy
@@ -169,7 +170,11 @@ class DQN(Seeing, Agent):
         return self.executed().act(states, step)
 
     def improve(self, store: Store, assigner: CreditAssigner) -> None:
-        """See all that is remembered with the newest rewards, and fit."""
+        """See all that is remembered with the newest rewards, and fit.
+
+        Raises:
+            RunError: a weight is not finite.
+        """
         count = store.new.labels.shape[1]
         self._replay.update(store, assigner)
         self.look(store.new)
@@ -178,6 +183,8 @@ class DQN(Seeing, Agent):
             updates = int(self.update_ratio * (self._steps + store.taken)) - int(self.update_ratio * self._steps)
         for batch in self._replay.sample(self.batch, updates):
             self._fit(batch)
+        after = f" after {self._updates} updates; are the rewards finite? else try a smaller agent.learning_rate"
+        require_finite("DQN: a weight", self._online.parameters(), self._problem.seeds, after)
         self._windows += count
         self._steps += store.taken
         self._policy = self._view.greedy(self._online)

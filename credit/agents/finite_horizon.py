@@ -9,6 +9,7 @@ from torch import Tensor
 
 from credit.agents.planner import Planner
 from credit.core.cells import Cells
+from credit.core.checks import require_finite
 from credit.core.problem import Problem
 from credit.core.streams import Stream
 from credit.planning.solve import TIE
@@ -45,4 +46,5 @@ class FiniteHorizon(Planner):
             values = ahead.amax(-1)
             tied = ahead >= (values - TIE).unsqueeze(-1)
             policy.insert(0, (tied * self._order).argmax(-1))
+        require_finite("planning: a value", values, problem.seeds, "; are rewards and transitions finite?")
         return torch.stack(policy, dim=1)

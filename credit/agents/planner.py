@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from credit.core.cells import PAIRS, Cells
+from credit.core.checks import require_finite
 from credit.core.policy import Policy, TablePolicy
 from credit.core.problem import Problem
 from credit.core.seams import Agent, CreditAssigner, Transition
@@ -51,11 +52,16 @@ class Planner(Agent):
         return self._follow(self._actions).act(states, step)
 
     def improve(self, store: Store, assigner: CreditAssigner) -> None:
-        """Count the new transitions and plan with r_plan."""
+        """Count the new transitions and plan with r_plan.
+
+        Raises:
+            RunError: a reward is not finite.
+        """
         self.transition.observe(store.new)
         self._count_ends(store.new)
         self._rewards = assigner.table() or self._averaged(store, assigner)
         cells, reward, _ = self._rewards
+        require_finite("planning: a reward", reward, self._problem.seeds, "; are the labels finite?")
         self._actions = self.plan(cells, reward, anew=True)
 
     def policies(self) -> dict[str, Policy]:

@@ -9,6 +9,7 @@ from annotated_types import Interval
 from torch import Tensor
 
 from credit.agents.exploring import EpsilonGreedy, explored
+from credit.core.checks import require_finite
 from credit.core.policy import Policy, TablePolicy
 from credit.core.problem import Problem
 from credit.core.ranges import Probability
@@ -66,7 +67,11 @@ class QLearning(Agent):
         return explored(first_best(values), self._exploration(), self._problem.actions, self._stream.rows(step))
 
     def improve(self, store: Store, assigner: CreditAssigner) -> None:
-        """One sweep over the newest windows, in the order in which they happened."""
+        """One sweep over the newest windows, in the order in which they happened.
+
+        Raises:
+            RunError: a value is not finite.
+        """
         windows = store.new
         rewards = assigner.rewards(windows)
         rate, discount = self._rates(windows)
@@ -78,6 +83,7 @@ class QLearning(Agent):
             now = self._flat.gather(1, pair)
             target = rewards[:, t : t + 1] + _at(discount, t) * ahead
             self._flat.scatter_(1, pair, torch.lerp(now, target, _at(rate, t)))
+        require_finite("Q-learning: a value", self._q, self._problem.seeds, "; are the rewards finite?")
         self._windows = self._windows + windows.known
 
     def _rates(self, windows: Windows) -> tuple[float | Tensor, float | Tensor]:

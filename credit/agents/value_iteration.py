@@ -10,6 +10,7 @@ from torch import Tensor
 
 from credit.agents.planner import Planner
 from credit.core.cells import Cells
+from credit.core.checks import require_finite
 from credit.core.problem import Problem
 from credit.core.seams import TransitionTable
 from credit.planning.solve import NEARLY_ONE, best_policy
@@ -42,4 +43,7 @@ class ValueIteration(Planner):
         if cells.arrival:
             table = self.transition.backup(arrival)
         discount = min(self.discount, NEARLY_ONE)
-        return best_policy(self._model.probabilities(), table, discount, self._actions)
+        probabilities = self._model.probabilities()
+        seeds = self._problem.seeds
+        require_finite("planning: a probability", probabilities, seeds, f"; look at {type(self._model).__name__}")
+        return best_policy(probabilities, table, discount, self._actions)

@@ -24,7 +24,7 @@ class Words:
         """Sort the words of a command.
 
         Raises:
-            UserError: an option that the command does not have.
+            UserError: an option that the command does not have, or words without an effect.
         """
         words, rest = cls(), list(argv)
         while rest:
@@ -45,7 +45,34 @@ class Words:
                 raise UserError(f"{word!r} is no option here; {advice}; settings have no dashes, write {name}={value}")
             else:
                 words.overrides.append(word)
+        require_effects(words.overrides)
         return words
+
+
+def require_effects(overrides: Sequence[str]) -> None:
+    """Refuse words that nothing would come of: a key that is given twice, and Hydra's settings of its own.
+
+    Raises:
+        UserError: with all of them.
+    """
+    last = {_key(word): word for word in overrides}
+    problems = [
+        f"{word!r} has no effect, since {last[_key(word)]!r} is given, too; leave one of them out"
+        for word, *behind in (overrides[place:] for place in range(len(overrides)))
+        if _key(word) in map(_key, behind) and _key(word) != "sweep"
+    ]
+    problems += [
+        f"{word!r} has no effect: of Hydra's settings only those of its launchers are used (hydra/launcher=…, "
+        "hydra.launcher.KEY=…); output=DIR says where runs lie, and a session's folder has the logs of its jobs"
+        for key, word in last.items()
+        if key.startswith("hydra") and not key.startswith(("hydra/launcher", "hydra.launcher."))
+    ]
+    if problems:
+        raise UserError("\n".join(problems))
+
+
+def _key(word: str) -> str:
+    return word.partition("=")[0].lstrip("+~")
 
 
 def help_text(command: str, arguments: str, config_dirs: Sequence[str]) -> str:

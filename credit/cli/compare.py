@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from credit.cli.main import guarded
-from credit.cli.words import Reader, given, name, names, read_words, whole
+from credit.cli.words import Reader, given, name, names, number, read_words, whole
 from credit.core.errors import UserError
 
 HELP = """\
@@ -155,7 +155,7 @@ READERS: dict[str, Reader] = {
     "metric": ("metric", given, "the name of a metric, such as eval/return"),
     "sort": ("sort", given, "the name of a metric, such as eval/return"),
     "best": ("best", whole(1), "a whole number, 1 or more"),
-    "trapped_above": ("trapped_above", float, "a number"),
+    "trapped_above": ("trapped_above", number, "a finite number"),
     "diagnostics_seed": ("diagnostics_seed", whole(0), "a whole number, 0 or more"),
     "videos": ("videos", _switch, "true or false"),
     "output": ("output", Path, "a folder"),

@@ -11,7 +11,7 @@ from credit.cli.main import guarded
 from credit.cli.words import Reader, read_words, whole
 from credit.core.errors import UserError
 from credit.tracking import server
-from credit.tracking.store import quiet_environment, resolve_uri, sqlite_file, uri_problem
+from credit.tracking.store import VARIABLE, follow, quiet_environment, resolve_uri, sqlite_file, uri_problem
 
 HOST = "127.0.0.1"
 PORT = 5000
@@ -23,7 +23,7 @@ Usage: credit dashboard [KEY=VALUE ...]
 
   output=DIR   the output folder whose store is shown    (outputs)
   port=N       the port                                  ({PORT})
-  uri=URI      another tracking store                    (mlflow.db in the output folder)
+  uri=URI      another tracking store                    (MLFLOW_TRACKING_URI, or mlflow.db in the output folder)
 """
 READERS: dict[str, Reader] = {
     "output": ("output", Path, "a folder"),
@@ -44,7 +44,8 @@ def dashboard(output: Path = Path("outputs"), port: int = PORT, uri: str | None 
     """Serve the UI until Ctrl-C.
 
     Args:
-        output: the output folder. port: on 127.0.0.1. uri: tracking URI; None is the folder's own store.
+        output: the output folder. port: on 127.0.0.1. uri: tracking URI; None is that of the
+            environment, or the folder's own store.
 
     Returns:
         The exit code, 0.
@@ -52,6 +53,7 @@ def dashboard(output: Path = Path("outputs"), port: int = PORT, uri: str | None 
     Raises:
         UserError: there is no store, it cannot be read, or the port is taken.
     """
+    uri = uri if uri is not None else os.environ.get(VARIABLE) or None
     if problem := uri_problem(uri):
         raise UserError(problem.replace("tracking.uri=", "uri=", 1))
     uri = resolve_uri(uri, output)
@@ -65,6 +67,8 @@ def dashboard(output: Path = Path("outputs"), port: int = PORT, uri: str | None 
             f"there is no tracking store {store} yet; train first, for example:\n"
             "credit train -m experiment=advertiser method=delayed,reference,disagreement replicas=5"
         )
+    if uri == resolve_uri(None, output):
+        follow(output)
     server.newest(uri)
     _require_free(port)
     print(f"dashboard: http://{HOST}:{port}/   (Ctrl-C ends it)", flush=True)

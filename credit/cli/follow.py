@@ -97,7 +97,7 @@ class Follower:
         title = facts["title"] or self._jobs[number][0]["title"]
         total = facts["total"] or None
         if number not in self._bars:
-            self._bars[number] = self._progress.add_task(title, total=total)
+            self._bars[number] = self._progress.add_task(escape(title), total=total)
         self._progress.update(self._bars[number], completed=facts["steps"], total=total, description=escape(title))
 
     def _remove(self, number: int) -> None:
@@ -110,7 +110,7 @@ class Follower:
 
 def line(facts: dict[str, Any], config: dict[str, Any], overrides: Sequence[str], log: Path) -> str:
     """One line about a job that has just ended."""
-    name = f"{facts['title']} on {config['experiment']}"
+    name = escape(f"{facts['title']} on {config['experiment']}")
     if facts["status"] == "KILLED":
         return f"[yellow]killed[/yellow]  {name}: interrupted; the same command goes on with it"
     if facts["status"] != "FINISHED":
@@ -123,7 +123,7 @@ def line(facts: dict[str, Any], config: dict[str, Any], overrides: Sequence[str]
     numbers = {key: math.nan if value is None else value for key, value in facts["values"].items()}  # JSON has no NaN
     values = ", ".join(f"{key} {value:.4g}" for key, value in numbers.items())
     took = f"{facts['computed']} seeds in {facts['seconds']:.1f} s{resumed}{done}"
-    return f"[green]done[/green]    {name}: {took}. {values}"
+    return f"[green]done[/green]    {name}: {took}. {escape(values)}"
 
 
 def status(facts: dict[str, Any] | None) -> str:
@@ -148,7 +148,7 @@ def table(facts: dict[int, dict[str, Any]], jobs: Sequence[Job]) -> Table:
         differing = " ".join(text for text in overrides if text not in shared)
         seconds = f"{job['seconds']:.1f}" if job and "seconds" in job else ""
         status_cell = f"[{COLOURS[word]}]{word}[/]"
-        shown_table.add_row(str(number), status_cell, config["title"], escape(differing), seeds, seconds)
+        shown_table.add_row(str(number), status_cell, escape(config["title"]), escape(differing), seeds, seconds)
     return shown_table
 
 

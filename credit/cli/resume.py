@@ -37,6 +37,7 @@ def main(argv: list[str]) -> int:
 def _session(folder: Path) -> int:
     """The command of a session once more, with its output folder where it lies now."""
     from credit.cli import train
+    from credit.config.quoting import quoted
     from credit.runs import job
     from credit.runs.locks import Lock
 
@@ -53,7 +54,7 @@ def _session(folder: Path) -> int:
         )
     words = Words.parse(argv, flags=("-m", "--multirun"))
     overrides = [text for text in words.overrides if not text.startswith("output=")]
-    overrides.append(f"output={folder.parents[1]}")
+    overrides.append(f"output={quoted(str(folder.parents[1]))}")
     words = dataclasses.replace(words, overrides=overrides, config_dirs=facts["config_dirs"])
     now = [job.plan(config) for config, _ in train.checked_jobs(words, train.several(words))]
     if now != facts["plan"]:

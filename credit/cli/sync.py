@@ -8,8 +8,8 @@ from pathlib import Path
 
 from credit.cli.main import guarded
 from credit.core.errors import UserError
-from credit.tracking.sessions import all_sessions, damaged, lives, pending, store_of
-from credit.tracking.store import quiet_environment
+from credit.tracking.sessions import all_sessions, damaged, lacking, lives, pending, store_of
+from credit.tracking.store import is_gone, quiet_environment
 
 HELP = """\
 Upload to MLflow what it lacks of earlier sessions: after an outage, a full disk, a power cut. What it has stays
@@ -53,7 +53,7 @@ def sync(folder: Path) -> int:
             "give the folder that `output=` named when training"
         )
     os.environ.update(quiet_environment())
-    chosen = [folder] if single else [*filter(lives, all_sessions(output)), *pending(output)]
+    chosen = [folder] if single else [*filter(lives, all_sessions(output)), *pending(output), *lacking(output)]
     failing: set[str] = set()
     worked = [_sync(session, output, failing) for session in chosen]
     unread = [] if single else damaged(output)
@@ -77,6 +77,9 @@ def _sync(session: Path, output: Path, failing: set[str]) -> bool:
         print(f"{name}: runs now, and uploads itself")
         return True
     if uri in failing:
+        return False
+    if is_gone(uri):
+        print(f"credit sync: {name}: its store {uri} is gone; move its folder back, and sync again", file=sys.stderr)
         return False
     with alone_on(session, wait=False) as alone:
         if not alone:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -21,12 +22,13 @@ def read_words(argv: Sequence[str], readers: Mapping[str, Reader], command: str)
     """
     arguments: dict[str, Any] = {}
     problems = []
+    given: dict[str, str] = {}
     for word in argv:
         key, equals, text = word.partition("=")
         if not equals:
             problems.append(f"{word!r} is not of the form KEY=VALUE")
-        elif key in readers and readers[key][0] in arguments:
-            problems.append(f"{key} is given twice, the second time in {word!r}")
+        elif key in given:
+            problems.append(f"{key} is given twice ({given[key]!r} and {word!r}); leave one of them out")
         elif key not in readers:
             problems.append(f"unknown key {key!r} (in {word!r}); {nearest(key, readers)}")
         else:
@@ -35,6 +37,7 @@ def read_words(argv: Sequence[str], readers: Mapping[str, Reader], command: str)
                 arguments[argument] = reader(text)
             except (ValueError, KeyError):
                 problems.append(f"{key}={text}: expected {allowed}")
+        given.setdefault(key, word)
     if problems:
         raise UserError("\n".join([*problems, f"`credit {command} --help` lists what can be set"]))
     return arguments
@@ -59,6 +62,13 @@ def given(text: str) -> str:
     if not text.strip():
         raise ValueError(text)
     return text
+
+
+def number(text: str) -> float:
+    """A finite number."""
+    if not math.isfinite(found := float(text)):
+        raise ValueError(text)
+    return found
 
 
 def whole(least: int) -> Callable[[str], int]:

@@ -19,6 +19,7 @@ from credit.core.naming import registered_name
 from credit.core.signatures import REQUIRED, signature
 from credit.renamed import translated
 
+EXACT = 2**53  # up to which every whole number is a float
 SLOTS = ("trainer", *(slot for kind in KINDS.values() for slot in kind.slots))
 
 
@@ -69,5 +70,6 @@ def plain(value: Any) -> Any:
     if isinstance(value, bool) or value is None:
         return value
     if isinstance(value, (int, float)):
-        return float(value)
+        exact = isinstance(value, float) or abs(value) <= EXACT  # a row of a maze is a number of many digits
+        return float(value) if exact else value
     return [plain(inner) for inner in value] if isinstance(value, (list, tuple)) else value

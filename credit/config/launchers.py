@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import os
-import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -16,6 +15,7 @@ from hydra.types import HydraContext, RunMode
 
 from credit.config import registry
 from credit.config.files import CONFIG_NAME
+from credit.config.quoting import quoted
 from credit.core.errors import UserError
 
 EXTRAS = {  # package of a plugin → the extra that brings it
@@ -84,17 +84,6 @@ def launch(
         ended = starter.launch([list(words) for _ in range(jobs)], initial_job_idx=0)
     failed = {index: job for index, job in enumerate(ended) if job.status is not JobStatus.COMPLETED}
     return {index: f"{type(job._return_value).__name__}: {job._return_value}" for index, job in failed.items()}
-
-
-def quoted(text: str) -> str:
-    """A text as Hydra's grammar takes it for a value, whatever is in it.
-
-    Example:
-        >>> quoted("it's ${x}")
-        "'it\\\\'s \\\\${x}'"
-    """
-    escaped = re.sub(r"(\\*)('|\$\{)", r"\1\1\\\2", text)  # backslashes count only before those, and at the end
-    return "'" + re.sub(r"(\\+)$", r"\1\1", escaped) + "'"
 
 
 def job_number() -> int:

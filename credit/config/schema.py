@@ -15,13 +15,12 @@ from functools import cache
 from importlib.metadata import entry_points
 from typing import Any
 
-from pydantic import ValidationError
-
 from credit.config import files
 from credit.config.kinds import SLOTS
 from credit.core.component import Component
 from credit.core.errors import UserError, nearest
-from credit.core.signatures import REQUIRED, adapter, component_kind, describe, signature, takes_several
+from credit.core.naming import is_name
+from credit.core.signatures import REQUIRED, component_kind, describe, refusal, signature, takes_several
 from credit.renamed import instead, today
 
 ENTRY_POINTS = "credit.components"
@@ -58,7 +57,7 @@ class Check:
         self._arguments("", plain, job, extra_names=slots)
         for slot, kind in slots.items():
             self._classes[slot], self._parts[slot] = {}, []
-            for path, node in members(config, slot).items():
+            for path, node in self._named(slot).items():
                 cls = self._component(slot, path, node, kind)
                 if cls is not None:
                     self._classes[slot][path] = cls
@@ -66,6 +65,13 @@ class Check:
             self._reach(slot, "the run")
         if not self.problems:
             self._fit()
+
+    def _named(self, slot: str, config: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """The members of a slot whose names are names."""
+        found = members(self._config if config is None else config, slot)
+        bad = [path for path in found if path != slot and not _is_key(path.removeprefix(f"{slot}."))]
+        self.problems += [f"{path!r}: {path.removeprefix(f'{slot}.')!r} is no name; {KEYS}" for path in bad]
+        return {path: node for path, node in found.items() if path not in bad}
 
     def _component(self, slot: str, path: str, node: Any, kind: type[Component]) -> type[Component] | None:
         if not is_component(node):
@@ -118,7 +124,7 @@ class Check:
             elif not (takes_several(hint) or value is None or is_component(value)):
                 self.problems.append(f"{path}={value!r}: one {kind.__name__} belongs here (a mapping with _target_)")
             else:
-                for inner, node in members({path: value}, path).items():
+                for inner, node in self._named(path, {path: value}).items():
                     if (part := self._component(slot, inner, node, kind)) is not None:
                         self._parts[slot].append((inner, part))
         for name, (hint, default) in hints.items():
@@ -127,12 +133,8 @@ class Check:
                 self.problems.append(f"{path}: a value is missing; give {path}=<{describe(hint)}>")
 
     def _value(self, path: str, value: Any, hint: Any) -> None:
-        try:
-            adapter(hint).validate_python(value)
-        except ValidationError as error:
-            reason = error.errors()[0]["msg"]
-            whole = f"; write {value:.0f}" if isinstance(value, float) and value.is_integer() else ""  # 1e4
-            self.problems.append(f"{path}={value!r}: {reason}; allowed: {describe(hint)}{whole}")
+        if reason := refusal(hint, value):
+            self.problems.append(f"{path}={value!r}: {reason}")
 
     def _reach(self, slot: str, asker: str) -> None:
         """Mark a slot and all that it asks for as used; complain about what is asked for and not there."""
@@ -184,6 +186,13 @@ class Check:
                                 f"{path}: {cls.__name__} needs a {needed.__name__} in {other}, and there is "
                                 f"{other_class.__name__}; choose another {slot}, or another {needed_slot}"
                             )
+
+
+KEYS = "allowed are letters, digits, _ and -, beginning with a letter"
+
+
+def _is_key(name: str) -> bool:
+    return "." not in name and " " not in name and "+" not in name and is_name(name)
 
 
 def _gone(path: str, value: Any) -> list[str]:

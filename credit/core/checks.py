@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable, Sequence
+
 import torch
 from torch import Tensor
 
@@ -60,6 +63,25 @@ def check_rewards(windows: Windows, rewards: Tensor, problem: Problem) -> None:
     good = rewards.isfinite()
     good = good if windows.valid is None else good | ~windows.valid
     _refuse(good, rewards, "reward", "row", problem, "rewards are finite numbers")
+
+
+def require_finite(what: str, values: Tensor | Iterable[Tensor], seeds: Sequence[int], why: str) -> None:
+    """Refuse what somebody has learned, where it is no number: a policy could still be read off it, without a word.
+
+    Args:
+        what: whose it is, for the message. values: weights or values, each [R·m, ...], m of each replica side by side.
+        seeds: one a replica. why: what comes behind that: when it was, and what to do.
+
+    Raises:
+        RunError: with the seeds whose values are not finite.
+    """
+    parts = [values] if isinstance(values, Tensor) else list(values)
+    with torch.no_grad():
+        if all(math.isfinite(float(part.sum())) for part in parts):  # it may overflow, so that only a doubt comes of it
+            return
+        finite = torch.stack([part.isfinite().reshape(len(seeds), -1).all(1) for part in parts]).all(0)
+    if bad := [str(seed) for seed, good in zip(seeds, finite.tolist(), strict=True) if not good]:
+        raise RunError(f"{what} of seed {', '.join(bad)} is not finite{why}")
 
 
 def require_equal_lengths(model: str, windows: Windows) -> None:

@@ -1,8 +1,41 @@
-"""What a class is called where it was registered, wherever it is defined."""
+"""Names: which may reach files, columns, metrics and the terminal, how they leave, and that of a registered class."""
 
 from __future__ import annotations
 
 import re
+import zlib
+
+LONGEST = 100  # bytes of a name: folders and metrics put words of their own before and behind it
+LONGEST_METRIC = 250  # letters, of MLflow
+
+
+def is_name(text: str) -> bool:
+    """letters, digits, _ - . + and single blanks within, the first a letter or digit, 100 bytes at most."""
+    return re.fullmatch(r"[^\W_](?:[\w.+-]| (?! |$))*", text) is not None and len(text.encode()) <= LONGEST
+
+
+def is_line(text: str) -> bool:
+    """one line without control characters, 200 letters at most."""
+    return text.isprintable() and len(text) <= 2 * LONGEST
+
+
+def is_metric(text: str) -> bool:
+    """names with slashes between them (eval/return)."""
+    return all(map(is_name, text.split("/")))
+
+
+def metric_name(name: str) -> str:
+    """What MLflow, which takes names for paths and knows few signs, calls a metric or a parameter.
+
+    Example:
+        >>> metric_name("weight/dnn"), metric_name("slug=a"), metric_name("../a")
+        ('weight/dnn', 'slug_a', '_/a-3d4e4b0d')
+    """
+    known = re.sub(r"[^\w\-. :/]", "_", name)
+    path = "/".join(part if part.strip(". ") else "_" for part in known.split("/"))
+    if path == known and len(path) <= LONGEST_METRIC:
+        return path
+    return f"{path[: LONGEST_METRIC - 9]}-{zlib.crc32(name.encode()):08x}"  # another one may look the same
 
 
 def registered_name(module: str, name: str) -> str:

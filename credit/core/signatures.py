@@ -9,6 +9,8 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any
 
+from annotated_types import Predicate
+
 from credit.core.component import Component
 from credit.core.errors import UserError
 
@@ -49,8 +51,6 @@ def check(constructor: Callable[..., None], name: str, given: Mapping[str, Any])
     Raises:
         UserError: with class, name and value, and what is allowed.
     """
-    from pydantic import ValidationError
-
     for key, hint in _ranged(constructor).items():
         if key in given:
             value = given[key]
@@ -59,11 +59,26 @@ def check(constructor: Callable[..., None], name: str, given: Mapping[str, Any])
                     wanted = f"an instance of credit.core.seams.{kind.__name__}"
                     raise UserError(f"{name}({key}={value!r}): {value!r} is no component; give {wanted}")
                 continue
-            try:
-                adapter(hint).validate_python(value.item() if getattr(value, "ndim", None) == 0 else value)
-            except ValidationError as error:
-                reason = error.errors()[0]["msg"]
-                raise UserError(f"{name}({key}={value!r}): {reason}; allowed: {describe(hint)}") from None
+            if reason := refusal(hint, value.item() if getattr(value, "ndim", None) == 0 else value):
+                raise UserError(f"{name}({key}={value!r}): {reason}")
+
+
+def refusal(hint: Any, value: Any) -> str | None:
+    """Why a value is none of those that a hint allows, and which are; None where it is one."""
+    from pydantic import ValidationError
+
+    try:
+        adapter(hint).validate_python(value)
+    except ValidationError as error:
+        reason = error.errors()[0]
+        said = "it is not allowed" if reason["type"] == "predicate_failed" else reason["msg"]
+        whole = f"; write {value:.0f}" if reason["type"] == "int_type" and _is_whole(value) else ""
+        return f"{said}; allowed: {describe(hint)}{whole}"
+    return None
+
+
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, float) and value.is_integer()  # 1e4
 
 
 @cache
@@ -102,7 +117,7 @@ def describe(hint: Any) -> str:
     if origin is dict:
         return f"a mapping: {describe(inner[0])} → {describe(inner[1])}"
     if origin is not None and inner:
-        return f"list of {describe(inner[0])}"
+        return f"list of {part}" if " or " not in (part := describe(inner[0])) else f"list of ({part})"
     return "null" if hint is type(None) else str(getattr(hint, "__name__", hint))
 
 
@@ -114,4 +129,5 @@ def _limits(limits: tuple[Any, ...]) -> list[str]:
         for name, sign in signs.items()
         if getattr(limit, name, None) is not None
     ]
-    return [" and ".join(found)] if found else []
+    said = [f"({(limit.func.__doc__ or '').rstrip('.')})" for limit in limits if isinstance(limit, Predicate)]
+    return [" and ".join(found), *said] if found else said

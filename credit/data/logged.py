@@ -84,9 +84,9 @@ class Logged:
         if wrong.any():
             row = int(np.flatnonzero(going)[wrong.argmax()])
             raise UserError(
-                f"{self.source}: next_observation {self.next_states[row].tolist()} of row {row} is not the observation "
-                f"{self.states[row + 1].tolist()} of the next row; steps of an episode follow each other, and others "
-                "are of another episode (column episode)"
+                f"{self.source}: next_observation {self.next_states[row].tolist()} of {self.where(row)} is not the "
+                f"observation {self.states[row + 1].tolist()} of the next row; steps of an episode follow each other, "
+                "and others are of another episode (column episode)"
             )
         if problem.episodic and (late := self.step >= problem.horizon).any():
             row = int(late.argmax())
@@ -99,6 +99,10 @@ class Logged:
                 f"{self.source}: row {int(early.argmax())} is terminated, and its episode goes on; the next row is of "
                 "another one (column episode)"
             )
+
+    def where(self, row: int) -> str:
+        """A row, for messages: with its episode and its step."""
+        return f"row {row} (episode {self.episode[row]}, step {self.step[row]})"
 
     def _column(self, name: str, values: NDArray[Any], size: int | None, width: int) -> None:
         """Refuse a column that does not lie in a space of `size` numbers, or of vectors of `width`."""
@@ -116,4 +120,4 @@ class Logged:
         if not good.all():
             row = int((~good).argmax())
             shown = "is outside" if size is None and name == "action" else f"is {values[row].tolist()}"
-            raise UserError(f"{self.source}: {name} of row {row} {shown}: allowed are {allowed}")
+            raise UserError(f"{self.source}: {name} of {self.where(row)} {shown}: allowed are {allowed}")

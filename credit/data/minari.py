@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -40,25 +39,39 @@ def episodes(source: str | Path, limit: int | None = None) -> Iterator[Recorded]
     Raises:
         UserError: Minari is not installed, there is no such dataset, or an episode is not one.
     """
-    for episode in islice(_opened(source).iterate_episodes(), limit):
-        steps = len(episode.actions)
-        if steps == 0:
-            raise UserError(f"{source}: episode {episode.id} has no steps; give a dataset without it")
-        for name, part in _parts(episode.observations, "observations"):
-            if np.ndim(part) == 0 or len(part) != steps + 1:
-                raise UserError(
-                    f"{source}: episode {episode.id} with {steps} actions has {name} of shape {np.shape(part)}; there "
-                    f"must be {steps + 1} rows, one before each action and one behind the last"
-                )
-        told = (getattr(episode, "infos", None) or {}).get("success")
-        yield Recorded(
-            int(episode.id),
-            episode.observations,
-            np.asarray(episode.actions),
-            np.asarray(episode.rewards, dtype=float),
-            bool(np.asarray(episode.terminations)[-1]),
-            None if told is None else np.asarray(told)[-steps:].astype(bool),  # the first is of the reset
-        )
+    found = _opened(source)
+    read = found.iterate_episodes()
+    for number in found.episode_indices[:limit]:
+        try:
+            episode = next(read)
+        except Exception as error:  # whatever a damaged file makes HDF5 raise
+            raise _damaged(source, f"episode {number}", error) from None
+        yield _checked(source, episode)
+
+
+def _checked(source: str | Path, episode: Any) -> Recorded:
+    """An episode as Minari has it, if it is one."""
+    steps = len(episode.actions)
+    if steps == 0:
+        raise UserError(f"{source}: episode {episode.id} has no steps; give a dataset without it")
+    for name, part in _parts(episode.observations, "observations"):
+        if np.ndim(part) == 0 or len(part) != steps + 1:
+            raise UserError(
+                f"{source}: episode {episode.id} with {steps} actions has {name} of shape {np.shape(part)}; there "
+                f"must be {steps + 1} rows, one before each action and one behind the last"
+            )
+    for name, column in (("rewards", episode.rewards), ("terminations", episode.terminations)):
+        if np.shape(column) != (steps,):
+            raise UserError(f"{source}: episode {episode.id} with {steps} actions has {name} {np.shape(column)}")
+    told = (getattr(episode, "infos", None) or {}).get("success")
+    return Recorded(
+        int(episode.id),
+        episode.observations,
+        np.asarray(episode.actions),
+        np.asarray(episode.rewards, dtype=float),
+        bool(np.asarray(episode.terminations)[-1]),
+        None if told is None else np.asarray(told)[-steps:].astype(bool),  # the first is of the reset
+    )
 
 
 def _opened(source: str | Path) -> Any:
@@ -73,6 +86,13 @@ def _opened(source: str | Path) -> Any:
         return minari.load_dataset(str(source))
     except (FileNotFoundError, ValueError) as error:
         raise UserError(f"{source}: {error}; give a dataset's folder, or `minari download {source}`") from None
+    except Exception as error:  # of its metadata
+        raise _damaged(source, "the dataset", error) from None
+
+
+def _damaged(source: str | Path, what: str, error: Exception) -> UserError:
+    why = f"{type(error).__name__}: {error}".partition("\n")[0]
+    return UserError(f"{source}: {what} cannot be read ({why}); a file is damaged, or not as Minari writes it")
 
 
 def _parts(value: Any, name: str) -> Iterator[tuple[str, Any]]:

@@ -58,9 +58,10 @@ def alone(logged: Logged, feedback: Feedback, problem: Problem) -> Found:
     one = replace(problem, seeds=(SEED,))
     windows, primitive = _given(logged, one) if logged.labels is not None else _made(logged, feedback, one)
     if problem.labels == "bits" and (odd := ~((windows.labels == 0) | (windows.labels == 1))).any():
+        k = int(odd[0].int().argmax())
         raise UserError(
-            f"{logged.source}: a label is {float(windows.labels[odd][0]):g}, and this feedback's are bits: allowed are "
-            "0 and 1"
+            f"{logged.source}: the label of the window that ends with {logged.where(int(windows.ends[0, k]))} is "
+            f"{float(windows.labels[0, k]):g}, and this feedback's are bits: allowed are 0 and 1"
         )
     if problem.even:
         windows, primitive = _even(windows, primitive, logged, problem)

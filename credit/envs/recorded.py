@@ -45,6 +45,13 @@ def read(source: str | Path, env: Environment, problem: Problem) -> Logged:
     else:
         found = _of_minari(str(source), env, problem)
     found.require(problem)
+    if (impossible := env.impossible(found.states) | env.impossible(found.next_states)).any():
+        row, count = int(impossible.argmax()), int(impossible.sum())
+        raise UserError(
+            f"{source}: {found.where(row)} is where nobody can be in this environment, from "
+            f"{found.states[row].tolist()} to {found.next_states[row].tolist()} ({count} of {len(found)} steps are so)"
+            "; these may be steps of another one"
+        )
     return found
 
 
@@ -89,8 +96,11 @@ def _of_windows(folder: Path, env: Environment, problem: Problem) -> Logged:
     whole = (
         config.exists() and yaml.safe_load(config.read_text(encoding="utf-8"))["trainer"].get("steps_per_round") is None
     )
-    with np.load(file, allow_pickle=False) if whole and file.exists() else nullcontext({}) as arrays:
-        found = {name: arrays.get(f"windows/{name}") for name in ("states", "actions", "next_states", "labels")}
+    try:
+        with np.load(file, allow_pickle=False) if whole and file.exists() else nullcontext({}) as arrays:
+            found = {name: arrays.get(f"windows/{name}") for name in ("states", "actions", "next_states", "labels")}
+    except Exception as error:  # whatever a damaged archive makes its reader raise
+        raise UserError(f"{file} cannot be read ({error}); restore it, or compute the run again") from None
     if any(part is None for part in found.values()) or (found["states"] < 0).any():
         kept = ", ".join(str(file.parent) for file in sorted(folder.glob(f"*/{STEPS}"))[:3])
         hint = f"give one run of them: {kept}" if kept else "compute it again with keep=[steps] rerun=true"

@@ -13,6 +13,7 @@ from torch import Tensor
 from credit.core.belief import Belief, Estimate
 from credit.core.cells import Cells
 from credit.core.errors import UserError
+from credit.core.naming import is_name
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Bonus, CreditAssigner, Mixer, Relabel, RewardModel, Scaler
 from credit.core.steps import Steps
@@ -354,9 +355,11 @@ def names_of(models: Sequence[RewardModel]) -> tuple[str, ...]:
     """The names of reward models, which must differ.
 
     Raises:
-        UserError: two have the same.
+        UserError: two have the same, or one is no name.
     """
     names = [model.name for model in models]
+    if bad := [name for name in names if not is_name(name)]:
+        raise UserError(f"a reward model is called {bad[0]!r}; allowed: {is_name.__doc__}")
     if len(set(names)) < len(names):
         raise UserError(f"reward models need different names: {names}; change one `name`")
     return tuple(names)

@@ -19,7 +19,7 @@ from credit.report.provenance import choose_commits
 from credit.report.reading import read_run, setting_of_unfinished
 from credit.report.settings import Setting, choose_settings
 from credit.report.variants import choose_variants, variant
-from credit.runs.rows import JOURNAL, read_rows, unusable
+from credit.runs.rows import JOURNAL, read_rows, require_columns, unusable
 
 IDENTITY = ("method", "slug", "seed", "name", "folder", "setting", "config_hash", *CODE)
 
@@ -168,9 +168,11 @@ def load_curves(runs: pd.DataFrame, metric: str) -> tuple[NDArray[np.float64], N
         UserError: a journal is damaged.
     """
     curves: list[pd.DataFrame] = []
-    for folder in map(Path, runs["folder"]):
+    known = runs[metric] if metric in runs else [None] * len(runs)
+    for folder, value in zip(map(Path, runs["folder"]), known, strict=True):
         try:
             curve = read_rows(folder, [metric])
+            require_columns(curve.columns, {metric: value})
             if metric not in curve or curve[metric].isna().all():
                 return None
             curves.append(curve.dropna(subset=["step", metric]))

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from credit.runs.palette import COLOURS
@@ -36,6 +36,7 @@ SETTINGS: dict[Any, Any] = {
     "grid.linewidth": 0.7,
     "lines.linewidth": 1.7,
     "svg.hashsalt": "credit",
+    "text.parse_math": False,  # a title with dollars is a title
 }
 
 
@@ -138,6 +139,7 @@ def spread_out(axes: Axes, scores: NDArray[np.float64]) -> str:
         axes.set_xticks(ticks[(ticks >= limits[0]) & (ticks <= limits[1])])
         axes.set_xlim(*limits)
         remark = f"linear up to {linear:g}"
+    axes.xaxis.set_major_formatter(FuncFormatter(thousands))
     axes.xaxis.set_minor_formatter(NullFormatter())
     return remark
 

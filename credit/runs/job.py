@@ -16,7 +16,7 @@ from credit.config.identity import identity, namesakes
 from credit.config.kinds import CIRCUMSTANCES, KINDS
 from credit.core.capabilities import parts_of
 from credit.core.errors import Misfit, UserError
-from credit.core.ranges import NonNegative, NonNegativeInt, PositiveInt
+from credit.core.ranges import Line, Name, NonNegative, NonNegativeInt, PositiveInt
 from credit.renamed import translated
 from credit.runs import rehearsal, starting
 from credit.trainer import Trainer
@@ -38,9 +38,9 @@ class Job:
         sweep: what becomes of a sweep's other jobs. written_for: the only experiment of a method, where it has one.
     """
 
-    experiment: str
-    method: str
-    title: str
+    experiment: Name
+    method: Name
+    title: Line
     seed: NonNegativeInt = 0
     replicas: PositiveInt = 1
     device: str = "cpu"

@@ -16,6 +16,7 @@ from typing import Any
 import yaml
 
 from credit.core.errors import UserError
+from credit.core.naming import is_metric, is_name
 from credit.core.version import __version__
 
 FLUSH_SECONDS = 1.0
@@ -58,9 +59,11 @@ class Journal:
         """Add a row to every run: metric → one value a run. A value that is not known is NaN and leaves its cell empty.
 
         Raises:
-            ValueError: the metrics differ from those of the first row.
+            ValueError: the metrics differ from those of the first row, or one has a name that is none.
         """
         if not self._columns:
+            if bad := [name for name in values if not is_metric(name)]:
+                raise ValueError(f"a metric is called {bad[0]!r}; allowed are {is_metric.__doc__} of {is_name.__doc__}")
             self._columns = [*values, SECONDS]
             for lines, ahead in zip(self._lines, self._ahead, strict=True):
                 lines += [] if ahead else [",".join(["step", *self._columns]) + "\n"]

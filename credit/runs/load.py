@@ -17,7 +17,7 @@ import yaml
 
 from credit.core.errors import UserError
 from credit.renamed import translated
-from credit.runs.rows import JOURNAL, STEP, read_rows, unusable
+from credit.runs.rows import JOURNAL, STEP, read_rows, require_columns, unusable
 
 if TYPE_CHECKING:
     from credit.runs.policies import KeptPolicy
@@ -80,11 +80,18 @@ def load(run_dir: str | Path) -> Run:
     folder = Path(run_dir)
     if not (folder / "DONE").exists():
         raise UserError(f"{folder}: no finished run lies here (no file DONE); give a folder like …/default/seed-0")
+    summary = _read(folder, "summary.json", lambda file: json.loads(file.read_text(encoding="utf-8")))
+
+    def journal(file: Path) -> pd.DataFrame:
+        rows = read_rows(file.parent)
+        require_columns(rows.columns, summary["metrics"])
+        return rows.astype({STEP: int}).set_index(STEP)
+
     return Run(
         folder,
         _read(folder, "config.yaml", _config),
-        _read(folder, JOURNAL, lambda file: read_rows(file.parent).astype({STEP: int}).set_index(STEP)),
-        _read(folder, "summary.json", lambda file: json.loads(file.read_text(encoding="utf-8"))),
+        _read(folder, JOURNAL, journal),
+        summary,
         _read(folder, "recovery.npz", _arrays),
         _read(folder, "trajectories.npz", _arrays),
     )

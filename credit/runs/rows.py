@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +28,12 @@ def read_rows(folder: Path, columns: Collection[str] | None = None) -> pd.DataFr
     names = lines[0].split(",") if lines else []
     if STEP not in names:
         raise ValueError(f"line 1: no column {STEP!r}")
+    if twice := [name for place, name in enumerate(names) if name in names[:place]]:
+        raise ValueError(f"line 1: two columns {twice[0]!r}")
+    if len(lines) == 1:
+        raise ValueError("line 2: there is none, and so no row")
+    if not text.endswith("\n"):
+        raise ValueError(f"line {len(lines)}: it is cut short, without an end of line")
     for number, line in enumerate(lines, 1):
         if (found := line.count(",") + 1) != len(names):
             raise ValueError(f"line {number}: {found} columns, and line 1 has {len(names)}")
@@ -37,12 +43,27 @@ def read_rows(folder: Path, columns: Collection[str] | None = None) -> pd.DataFr
     except ValueError as error:
         raise ValueError(_no_number(lines, names, wanted) or str(error)) from None
     steps = frame[STEP].to_numpy()
-    later = np.diff(steps, prepend=-np.inf) > 0  # NaN is not
-    if not later.all():
-        row = int(np.argmin(later))
+    whole = np.isfinite(steps) & (steps == np.round(steps))
+    good = whole & (np.diff(steps, prepend=-np.inf) > 0)
+    if not good.all():
+        row = int(np.argmin(good))
         before = f" after {steps[row - 1]:g}" if row else ""
-        raise ValueError(f"line {row + 2}: step {steps[row]:g}{before}; steps rise from row to row")
+        raise ValueError(f"line {row + 2}: step {steps[row]:g}{before}; steps are whole and rise from row to row")
     return frame
+
+
+def require_columns(found: Collection[str], known: Mapping[str, object]) -> None:
+    """Refuse a journal that lacks what its run is known to have measured.
+
+    Args:
+        found: its columns. known: the last value of every metric, None or NaN for none.
+
+    Raises:
+        ValueError: with the first that it lacks.
+    """
+    for name, value in known.items():
+        if name not in found and isinstance(value, int | float) and value == value:
+            raise ValueError(f"line 1: no column {name!r}, of which the run ended with {value:g}")
 
 
 def unusable(folder: Path, name: str, error: Exception) -> str:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from credit.core.component import Component
 from credit.tracking.sessions import Seeds, State
-from credit.tracking.store import quiet_environment, resolve_uri, uri_problem
+from credit.tracking.store import VARIABLE, quiet_environment, resolve_uri, uri_problem
 
 LOG_FILE = "tracking.log"
 LASTING = 3.0  # seconds of failures that are worth a line: what is shorter repairs itself
@@ -75,13 +75,13 @@ class MLflowTracking(Tracking):
     """Mirrors the journal to MLflow, live, from a process of its own.
 
     Args:
-        uri: tracking URI; None is `mlflow.db` in the output folder.
+        uri: tracking URI; None is that of the environment (MLFLOW_TRACKING_URI), or `mlflow.db` in the output folder.
         seeds: which seeds get a run of their own: `auto` (the first 20 of a job), `all` or `none`. The
             curves of a job are means over all of its seeds in any case.
     """
 
     def __init__(self, uri: str | None = None, seeds: Seeds = "auto"):
-        self.uri, self.seeds = uri, seeds
+        self.uri, self.seeds = uri if uri is not None else os.environ.get(VARIABLE) or None, seeds
         self.process: subprocess.Popen[bytes] | None = None
         self._session, self._output = Path(), Path()
         self._problem = ""

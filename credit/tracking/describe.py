@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import getpass
 import json
-import re
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from credit.core.naming import metric_name
 from credit.runs.palette import COLOURS, tint
 
-MAX_PARAM, MAX_PARAM_KEY, MAX_TAG = 6000, 250, 8000
+MAX_PARAM, MAX_TAG = 6000, 8000
 COLOUR = "mlflow.runColor"
 PARENT = "mlflow.parentRunId"
-_FORBIDDEN = re.compile(r"[^\w\-. :/]")
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class RunCard:
 
 def flatten(config: Mapping[str, Any]) -> dict[str, str]:
     """A nested configuration as flat text: `{"env": {"size": 10}}` becomes `{"env.size": "10"}`."""
-    return {_cut(safe_name(key), MAX_PARAM_KEY): _cut(text, MAX_PARAM) for key, text in _leaves("", config)}
+    return {metric_name(key): _cut(text, MAX_PARAM) for key, text in _leaves("", config)}
 
 
 def _leaves(prefix: str, node: Any) -> Iterator[tuple[str, str]]:
@@ -38,11 +38,6 @@ def _leaves(prefix: str, node: Any) -> Iterator[tuple[str, str]]:
             yield from _leaves(f"{prefix}.{key}" if prefix else str(key), value)
     elif prefix:
         yield prefix, node if isinstance(node, str) else json.dumps(node)
-
-
-def safe_name(name: str) -> str:
-    """A metric or parameter name with only the characters that MLflow accepts."""
-    return _FORBIDDEN.sub("_", name)
 
 
 def _cut(text: str, limit: int) -> str:
@@ -81,10 +76,18 @@ def _common(session: Mapping[str, Any]) -> dict[str, Any]:
         "host": session["host"],  # with the next two: whose a run is that says RUNNING
         "pid": session["pid"],
         "process_started": session["process_started"],
-        "mlflow.user": getpass.getuser(),
+        "mlflow.user": _user(),
         "mlflow.source.name": session["command"],
         "mlflow.source.type": "LOCAL",
     }
+
+
+def _user() -> str:
+    """Who that is; a container may have a number that nobody gave a name."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return str(os.getuid())
 
 
 def _of_job(job: Mapping[str, Any], parent: str | None) -> dict[str, Any]:

@@ -16,14 +16,15 @@ from mlflow import MlflowClient
 from mlflow.entities import Metric, Param, Run, RunTag
 from mlflow.exceptions import MlflowException
 
+from credit.core.naming import metric_name
 from credit.runs.journal import write_json
 from credit.tracking.curves import Row
-from credit.tracking.describe import PARENT, safe_name
+from credit.tracking.describe import MAX_TAG, PARENT
 from credit.tracking.entries import Entry, Upload
 from credit.tracking.notes import Note
-from credit.tracking.store import open_experiment
+from credit.tracking.store import name_in, open_experiment
 
-KEY_TAG = "credit.key"
+KEY_TAG, NOTE_TAG = "credit.key", "mlflow.note.content"
 MAX_METRICS, MIN_METRICS, MAX_PARAMS, MAX_RUNS = 1000, 50, 100, 1000
 # Errors that belong to one run (say, someone deleted it in the UI): the others go on without it.
 _OF_ONE_RUN = {"RESOURCE_DOES_NOT_EXIST", "INVALID_PARAMETER_VALUE", "INVALID_STATE", "BAD_REQUEST"}
@@ -50,13 +51,13 @@ class Ledger:
         # A file that a power cut emptied is no loss: the store is asked in any case.
         with suppress(OSError, ValueError, KeyError, TypeError):
             stored = json.loads(file.read_text())
-            if stored["uri"] == uri:
+            if stored["uri"] in (uri, name_in(output, uri)):
                 self.entries = {key: Entry(**entry | {"problem": None}) for key, entry in stored["runs"].items()}
 
     def save(self, complete: object = None) -> None:
         """Write the file; `complete` says for which attempt of the session everything was uploaded."""
         runs = {key: asdict(entry) for key, entry in self.entries.items()}
-        write_json(self._file, {"uri": self._uri, "complete": complete, "runs": runs})
+        write_json(self._file, {"uri": name_in(self._output, self._uri), "complete": complete, "runs": runs})
 
     def forget(self, key: str) -> None:
         """Let go of a run: it is another session's, or the store lost it."""
@@ -78,6 +79,15 @@ class Ledger:
             if not self._concerns_one(run, error):
                 raise
             self.entries[run.key].problem = f"{run.card.name}: {error}"
+            self._give_up(run, str(error))
+
+    def _give_up(self, run: Upload, why: str) -> None:
+        """Say in the store that it has not everything of a run, which would be running there for ever."""
+        with suppress(MlflowException):  # it was deleted
+            client, _ = self._open(run.experiment)
+            entry = self.entries[run.key]
+            client.set_tag(entry.id, NOTE_TAG, f"MLflow did not take everything of this run: {why}"[:MAX_TAG])
+            client.set_terminated(entry.id, "FAILED", round((run.finished or run.card.started) * 1000))
 
     def _concerns_one(self, run: Upload, error: Exception) -> bool:
         """Whether the store is well and refuses this one run; raises where it is wrong about everything."""
@@ -112,8 +122,8 @@ class Ledger:
             entry.parent = parent
         self._send(client, entry, run)
         if run.status != entry.status:
-            if run.note:
-                client.set_tag(entry.id, "mlflow.note.content", run.note)
+            if run.note or NOTE_TAG in self._known[run.key].data.tags:
+                client.set_tag(entry.id, NOTE_TAG, run.note or "")
             for file in run.files:
                 client.log_artifact(entry.id, str(file))
             if run.status == "RUNNING":
@@ -154,7 +164,7 @@ class Ledger:
     def _noted(self, client: MlflowClient, experiment: str, run: Upload) -> Run | None:
         """The run that another session began in this folder, and did not finish."""
         note = Note.read(run.folder) if run.folder else None
-        if note is None or note.uri != self._uri:
+        if note is None or note.uri not in (self._uri, name_in(self._output, self._uri)):
             return None
         if note.run:
             found = _ask(client, note.run)
@@ -168,7 +178,7 @@ class Ledger:
 
     def _write_note(self, run: Upload, identity: str) -> None:
         if run.folder and run.folder.exists():
-            Note(self._uri, self._session, run.key, identity).write(run.folder)
+            Note(name_in(self._output, self._uri), self._session, run.key, identity).write(run.folder)
 
     def _send(self, client: MlflowClient, entry: Entry, run: Upload) -> None:
         held = {metric.key: metric.step for metric in self._known[run.key].data._metric_objs}
@@ -177,7 +187,7 @@ class Ledger:
             metrics = [
                 Metric(name, value, entry.started + round(1000 * row.seconds), row.step)
                 for row in rows
-                for name, value in ((safe_name(name), value) for name, value in row.values.items())
+                for name, value in ((metric_name(name), value) for name, value in row.values.items())
                 if row.step > held.get(name, -1)
             ]
             for start in range(0, len(metrics), MAX_METRICS):

@@ -10,7 +10,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from credit.tracking.store import dashboard, open_experiment, quiet_environment, resolve_uri
+from credit.core.naming import metric_name
+from credit.tracking.store import VARIABLE, dashboard, open_experiment, quiet_environment, resolve_uri
 
 MAX_METRICS = 1000
 
@@ -28,7 +29,7 @@ def log_beside_runs(output: Path, experiment: str, folder: Path, metrics: Mappin
     if tracking is None:
         return "Not logged to MLflow: the newest training session was not tracked."
     try:
-        log_report(output, tracking["uri"], experiment, folder, metrics)
+        log_report(output, tracking["uri"] or os.environ.get(VARIABLE), experiment, folder, metrics)
     except Exception as error:  # a store that is down must not cost the user the report
         reason = (str(error).splitlines() or [""])[0]
         return f"Not logged to MLflow: {type(error).__name__}: {reason}"
@@ -54,13 +55,11 @@ def log_report(output: Path, uri: str | None, experiment: str, folder: Path, met
     os.environ.update(quiet_environment())
     from mlflow.entities import Metric
 
-    from credit.tracking.describe import safe_name
-
     client, identity = open_experiment(resolve_uri(uri, output), output, experiment)
     now = round(time.time() * 1000)
     run = client.create_run(identity, now, {"level": "report"}, run_name="compare").info.run_id
     # One section of the UI holds them all, folded: beside the curves they would be hundreds of bars.
-    names = {name: safe_name(f"report/{name.replace('/', '_')}") for name in metrics}
+    names = {name: metric_name(f"report/{name.replace('/', '_')}") for name in metrics}
     points = [Metric(names[name], x, now, 0) for name, x in metrics.items() if math.isfinite(x)]
     for start in range(0, len(points), MAX_METRICS):
         client.log_batch(run, metrics=points[start : start + MAX_METRICS])

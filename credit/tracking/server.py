@@ -10,6 +10,7 @@ from typing import Any
 
 from credit.core.errors import UserError
 from credit.tracking.landing import landing_page, newest_view
+from credit.tracking.store import client_of
 
 Receive = Callable[[], Awaitable[Any]]
 Send = Callable[[Any], Awaitable[None]]
@@ -22,10 +23,8 @@ def newest(uri: str) -> str:
     Raises:
         UserError: the store cannot be read.
     """
-    from mlflow import MlflowClient
-
     try:
-        return newest_view(MlflowClient(uri))
+        return newest_view(client_of(uri))
     except Exception as error:  # of the driver, the network, the schema
         raise UserError(f"the tracking store {uri} cannot be read: {error}") from None
 
@@ -43,10 +42,9 @@ def serve(uri: str, host: str, port: int) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         import uvicorn
-        from mlflow import MlflowClient
         from mlflow.server.fastapi_app import app
 
-    client = MlflowClient(uri)
+    client = client_of(uri)
     with contextlib.suppress(KeyboardInterrupt):
         uvicorn.run(
             opening_on(app, lambda: landing_page(client)),

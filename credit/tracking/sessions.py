@@ -12,7 +12,7 @@ from typing import Any, Literal
 from credit.core.errors import UserError
 from credit.runs.journal import read_json, write_json
 from credit.runs.locks import Lock
-from credit.tracking.store import resolve_uri
+from credit.tracking.store import STORE, name_in, resolve_uri
 
 Seeds = Literal["auto", "all", "none"]
 PROGRESS_FILE, LEDGER_FILE = "tracking.json", "mlflow.json"
@@ -43,14 +43,16 @@ class State:
     def read(cls, session: Path) -> State | None:
         """What the uploader of a session said last; None where it said nothing."""
         try:
-            return cls(**json.loads((session / PROGRESS_FILE).read_text(encoding="utf-8")))
-        except (OSError, ValueError, TypeError):
+            known = json.loads((session / PROGRESS_FILE).read_text(encoding="utf-8"))
+            uri = None if known["uri"] == STORE else known["uri"]
+            return cls(**known | {"uri": resolve_uri(uri, session.parents[1])})
+        except (OSError, ValueError, TypeError, LookupError):
             return None
 
     def write(self, session: Path) -> None:
         """Say it; on a full disk nothing is said, since the upload matters more."""
         with suppress(OSError):
-            write_json(session / PROGRESS_FILE, asdict(self))
+            write_json(session / PROGRESS_FILE, asdict(self) | {"uri": name_in(session.parents[1], self.uri)})
 
 
 def read_session(session: Path) -> dict[str, Any]:
@@ -81,12 +83,15 @@ def all_sessions(output: Path) -> list[Path]:
 
 
 def store_of(session: Path, output: Path) -> tuple[str, Seeds] | None:
-    """The resolved address of a session's store and its choice of seeds; None where it is not tracked."""
-    if (state := State.read(session)) is not None:
-        return state.uri, state.seeds
+    """The resolved address of a session's store and its choice of seeds; None where it is not tracked.
+
+    The folder's own store is where the folder is now; any other, where it was when the session began.
+    """
     chosen = read_session(session)["tracking"]
     if chosen is None or "uri" not in chosen:
         return None
+    if (state := State.read(session)) is not None:
+        return state.uri, state.seeds
     return resolve_uri(chosen["uri"], output), chosen["seeds"]
 
 
@@ -107,6 +112,16 @@ def damaged(output: Path) -> list[str]:
         except UserError as error:
             found.append(str(error))
     return found
+
+
+def lacking(output: Path) -> Iterator[Path]:
+    """Sessions with runs that MLflow refused, so that it does not have everything of them."""
+    for session in all_sessions(output):
+        with suppress(OSError, ValueError, KeyError):
+            ledger = json.loads((session / LEDGER_FILE).read_text(encoding="utf-8"))
+            refused = any(entry["problem"] for entry in ledger["runs"].values())
+            if refused and store_of(session, output) and not lives(session) and _complete(session):
+                yield session
 
 
 def _complete(session: Path) -> bool:

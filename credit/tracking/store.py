@@ -7,18 +7,22 @@ import logging
 import os
 import re
 import shlex
+import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, suppress
 from json import JSONDecodeError
 from pathlib import Path
 from typing import TYPE_CHECKING
+from urllib.request import pathname2url, url2pathname
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
 
 ALLOWED = "sqlite:///FILE, postgresql://..., mysql://..., mssql://..., http://HOST:PORT or https://HOST"
 _URI = re.compile(r"sqlite:///\S|(postgresql|mysql|mssql)(\+\w+)?://\S|https?://[\w\[]")
+VARIABLE = "MLFLOW_TRACKING_URI"  # of the environment, where every tool of MLflow looks
 _SQLITE = "sqlite:///"
+STORE, ARTIFACTS = "mlflow.db", "artifacts"  # in an output folder
 _QUIET = {
     "MLFLOW_DISABLE_TELEMETRY": "true",
     "DO_NOT_TRACK": "true",
@@ -36,16 +40,24 @@ def uri_problem(uri: str | None) -> str | None:
     if uri is None or _URI.match(uri):
         return None
     hint = "; a folder of files is no longer supported by MLflow" if "://" not in uri else ""
-    return f"tracking.uri={uri!r} is not a tracking URI{hint}; allowed: {ALLOWED}, or null for the default"
+    told = f" (by the environment's {VARIABLE})" if uri == os.environ.get(VARIABLE) else ""
+    return f"tracking.uri={uri!r}{told} is not a tracking URI{hint}; allowed: {ALLOWED}, or null for the default"
 
 
 def resolve_uri(uri: str | None, output: Path) -> str:
-    """The store's full address: by default in the output folder; SQLite paths become absolute."""
-    if uri is None:
-        return f"{_SQLITE}{(output / 'mlflow.db').resolve()}"
-    if uri.startswith(_SQLITE):
-        return f"{_SQLITE}{Path(uri.removeprefix(_SQLITE)).resolve()}"
-    return uri
+    """The store's full address: by default in the output folder; SQLite paths become absolute, and quoted.
+
+    Example:
+        >>> resolve_uri(None, Path("/50% off?/outputs"))
+        'sqlite:////50%25%20off%3F/outputs/mlflow.db'
+    """
+    file = output / STORE if uri is None else sqlite_file(uri)
+    return f"{_SQLITE}{pathname2url(str(file.resolve()))}" if file is not None else str(uri)
+
+
+def name_in(output: Path, uri: str) -> str:
+    """What the records of a folder call a store: the folder's own by its name alone, so that both may move."""
+    return STORE if uri == resolve_uri(None, output) else uri
 
 
 def dashboard(output: Path, uri: str | None) -> str:
@@ -73,8 +85,14 @@ def reason(error: BaseException) -> str:
 
 
 def sqlite_file(uri: str) -> Path | None:
-    """The file behind a resolved SQLite address; None for any other store."""
-    return Path(uri.removeprefix(_SQLITE)) if uri.startswith(_SQLITE) else None
+    """The file behind an SQLite address; None for any other store."""
+    return Path(url2pathname(uri.removeprefix(_SQLITE))) if uri.startswith(_SQLITE) else None
+
+
+def is_gone(uri: str) -> bool:
+    """Whether the folder of an SQLite store is not there any more: who has moved it wants no empty one in its place."""
+    file = sqlite_file(uri)
+    return file is not None and not file.parent.exists()
 
 
 @contextmanager
@@ -90,16 +108,52 @@ def _only_one_process(uri: str, output: Path) -> Iterator[None]:
 
 def _make_sqlite(file: Path) -> None:
     """Make a fresh store beside its place and move it there whole: a half-made schema can never be opened again."""
-    from mlflow import MlflowClient
-
     unfinished = file.with_name(f".{file.name}.new")
     unfinished.unlink(missing_ok=True)
     try:
-        MlflowClient(f"{_SQLITE}{unfinished}").search_experiments(max_results=1)
+        client_of(resolve_uri(f"{_SQLITE}{pathname2url(str(unfinished))}", file.parent)).search_experiments(
+            max_results=1
+        )
     except BaseException:
         unfinished.unlink(missing_ok=True)
         raise
     os.replace(unfinished, file)
+
+
+def client_of(uri: str) -> MlflowClient:
+    """MLflow's client of a resolved address.
+
+    MLflow takes the quoted path of an SQLite file for a real one, too, and makes its folders: they go again.
+    """
+    from mlflow import MlflowClient
+
+    quoted = Path(uri.removeprefix(_SQLITE)) if uri.startswith(_SQLITE) else Path()
+    missing = [folder for folder in quoted.parents if not folder.exists()]
+    try:
+        client = MlflowClient(uri)
+        if missing:
+            client.search_experiments(max_results=1)  # it opens the store when it is first asked
+        return client
+    finally:
+        for folder in missing:
+            with suppress(OSError):
+                folder.rmdir()
+
+
+def follow(output: Path) -> None:
+    """Let the artifacts of a folder's own store lie where the folder lies now; MLflow writes down where that was."""
+    file, here = output.resolve() / STORE, (output / ARTIFACTS).resolve().as_uri()
+    if not file.exists():
+        return
+    with closing(sqlite3.connect(file, timeout=30)) as store, store:
+        known = store.execute("SELECT DISTINCT artifact_location FROM experiments").fetchall()
+        for (there,) in known:
+            if str(there).startswith("file://") and there != here and there.endswith(f"/{ARTIFACTS}"):
+                store.execute(
+                    "UPDATE runs SET artifact_uri = ? || substr(artifact_uri, ?) WHERE substr(artifact_uri, 1, ?) = ?",
+                    (here, len(there) + 1, len(there) + 1, f"{there}/"),
+                )
+                store.execute("UPDATE experiments SET artifact_location = ? WHERE artifact_location = ?", (here, there))
 
 
 def quiet_environment() -> dict[str, str]:
@@ -124,7 +178,6 @@ def open_experiment(uri: str, output: Path, name: str) -> tuple[MlflowClient, st
     Raises:
         RuntimeError: the experiment was deleted in MLflow, or what answers is no MLflow server.
     """
-    from mlflow import MlflowClient
     from mlflow.exceptions import MlflowException
 
     for noisy in ("mlflow", "alembic"):
@@ -134,10 +187,12 @@ def open_experiment(uri: str, output: Path, name: str) -> tuple[MlflowClient, st
         file = sqlite_file(uri)
         if file is not None and not file.exists():
             _make_sqlite(file)
-        client = MlflowClient(uri)
+        if uri == resolve_uri(None, output):
+            follow(output)
+        client = client_of(uri)
         experiment = client.get_experiment_by_name(name)
         if experiment is None:
-            location = None if uri.startswith("http") else (output / "artifacts").resolve().as_uri()
+            location = None if uri.startswith("http") else (output / ARTIFACTS).resolve().as_uri()
             try:
                 identity = client.create_experiment(
                     name, location, tags={"mlflow.experimentKind": "custom_model_development"}

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
 from credit.tracking.sessions import Seeds, State, attempt, lives, pending, read_session, store_of
-from credit.tracking.store import quiet_environment, reason
+from credit.tracking.store import is_gone, quiet_environment, reason
 
 if TYPE_CHECKING:
     from credit.tracking.mirror import Progress
@@ -127,7 +127,7 @@ def catch_up(output: Path) -> None:
     failing: set[str] = set()
     for session in pending(output):
         store = store_of(session, output)
-        if store is None or store[0] in failing:
+        if store is None or store[0] in failing or is_gone(store[0]):
             continue
         with suppress(OSError), alone_on(session, wait=False) as alone:
             if alone and upload(session, output, *store, partial(_dead, session), patience=0).since:

@@ -153,6 +153,11 @@ CASES = {
         (TRAIN, "experiment=sepsis", "reference.looks_at=[step,next_state]"),
         ["look at step, state, action, next_state", "(s, a) or of s'", "looks_at, patient"],
     ),
+    "a comma in a name": ((TRAIN, "reference.name='a,b'"), ["reference.name='a,b'", "letters, digits"]),
+    "a line in a name": ((TRAIN, "reference.name='a\nb'"), ["reference.name='a\\nb'", "not allowed"]),
+    "a path in a name": ((TRAIN, "reference.name='../x'"), ["reference.name='../x'", "not allowed"]),
+    "a long name": ((TRAIN, f"reference.name={'x' * 260}"), ["reference.name='xxx", "100 bytes at most"]),
+    "a title of two lines": ((TRAIN, "title='a\nb'"), ["title='a\\nb'", "one line"]),
     "patients in advertising": (
         (TRAIN, "+reward@surrogates.clinical=clinical", "surrogates.clinical.name=clinical"),
         ["Clinical needs SepsisKnowledge", "Advertiser gives LineKnowledge", "another environment"],

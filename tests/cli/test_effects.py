@@ -48,3 +48,30 @@ def test_a_list_may_be_emptied():
     config = compose(["method=disagreement", "bonus=[]", "tracking=none"])
     assert config["bonus"] == {}
     assert identity(config) == identity(compose(["method=disagreement", "bonus=none", "tracking=none"]))
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (
+            ("check", "mixer.alpha=.5", "mixer.alpha=.6"),
+            "'mixer.alpha=.5' has no effect, since 'mixer.alpha=.6' is given",
+        ),
+        (("train", "-m", "seed=0", "+seed=1,2"), "'seed=0' has no effect, since '+seed=1,2' is given, too"),
+        (("check", "mixer=best", "mixer=best"), "'mixer=best' has no effect"),
+        (("train", "hydra.run.dir=/nowhere"), "'hydra.run.dir=/nowhere' has no effect: of Hydra's settings only"),
+        (("train", "-m", "seed=0,1", "hydra.verbose=true"), "'hydra.verbose=true' has no effect"),
+        (("check", "hydra/sweeper=optuna"), "'hydra/sweeper=optuna' has no effect"),
+        (
+            ("compare", "method=delayed", "method=reference"),
+            "method is given twice ('method=delayed' and 'method=refer",
+        ),
+        (("compare", "trapped_above=nan"), "trapped_above=nan: expected a finite number"),
+        (("compare", "trapped_above=inf"), "trapped_above=inf: expected a finite number"),
+    ],
+)
+def test_what_is_typed_has_an_effect_or_is_an_error(credit, folder, words, said):
+    ended = credit(*words)
+    assert ended.code == 2
+    assert said in ended.err
+    assert not [*folder.iterdir()]

@@ -10,8 +10,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from hydra.core.override_parser.overrides_parser import OverridesParser
-from omegaconf import OmegaConf
 
 from credit.cli.board import Board
 from credit.cli.main import main
@@ -224,15 +222,6 @@ def begun(site: Path) -> list[int]:
 
 def _pidfd(pid: int) -> int:
     return os.pidfd_open(pid)
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["/a/b", "/it's", "/d${x}", "/c,d", "/br[1]", "/eq=1", "/back\\slash", "/q\\'x", "/end\\", "/a\\${x}", " sp "],
-)
-def test_a_value_is_quoted_by_hydras_rules(text: str) -> None:
-    value = OverridesParser.create().parse_override(f"output={launchers.quoted(text)}").value()
-    assert OmegaConf.create({"output": value, "in": "${output}/x"})["in"] == f"{text}/x"
 
 
 @pytest.mark.parametrize("name", ["it's", "d${x}"])

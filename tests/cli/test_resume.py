@@ -179,3 +179,14 @@ def test_a_signal_in_the_last_round_lets_no_other_job_begin(folder, monkeypatch)
         package.run(["method=random", "replicas=1", "trainer.steps=140", "tracking=none"], signals=True)
     assert len(list(folder.rglob("DONE"))) == 1
     assert not list(folder.rglob("*checkpoint*"))
+
+
+def test_a_session_is_gone_on_with_in_a_folder_of_any_name(credit, folder, monkeypatch):
+    odd = folder / "q?x a%20b,c[1]=ü {a: 1}#;&"
+    odd.mkdir()
+    monkeypatch.chdir(odd)
+    assert credit("train", "method=random", "replicas=1", "trainer.steps=70", "tracking=none").code == 0
+    (session,) = (odd / "outputs" / "sessions").iterdir()
+    ended = credit("resume", str(session))
+    assert (ended.code, [path.name for path in folder.iterdir()]) == (0, [odd.name]), ended.err
+    assert "all 1 seeds were done before" in ended.err

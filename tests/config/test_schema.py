@@ -335,6 +335,7 @@ def test_only_announced_packages_may_be_built() -> None:
         (Literal["a", "b"], "one of a, b"),
         (str | None, "str or null"),
         (list[float], "list of float"),
+        (str | list[int | None], "str or list of (int or null)"),
     ],
 )
 def test_hints_in_words(hint: Any, words: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from credit.data.minari import episodes
 from ..minari_datasets import written
 
 pytest.importorskip("minari")
+h5py = pytest.importorskip("h5py")
 pytestmark = pytest.mark.filterwarnings("ignore:.*env.*:UserWarning")
 LENGTHS = (3, 1, 4)
 
@@ -58,13 +60,39 @@ def test_episodes_come_back(store: Path) -> None:
     ],
 )
 def test_episodes_that_are_none_are_named(store: Path, part: str, left: int, message: str) -> None:
-    import h5py
-
     with h5py.File(store / "mine" / "some-v0" / "data" / "main_data.hdf5", "r+") as file:
         kept = file[f"episode_0/{part}"][:left]
         del file[f"episode_0/{part}"]
         file[f"episode_0/{part}"] = kept
     with pytest.raises(UserError, match=message):
+        list(episodes("mine/some-v0"))
+
+
+def test_a_dataset_that_lacks_what_minari_writes(store: Path) -> None:
+    file = store / "mine" / "some-v0" / "data" / "metadata.json"
+    known = json.loads(file.read_text())
+    del known["minari_version"]
+    file.write_text(json.dumps(known))
+    with pytest.raises(UserError, match=r"some-v0: the dataset cannot be read \(KeyError: 'minari_version'\)"):
+        list(episodes(store / "mine" / "some-v0"))
+
+
+@pytest.mark.parametrize("left", [100, 0.5, 0.9])
+def test_half_a_file_is_named(store: Path, left: float) -> None:
+    file = store / "mine" / "some-v0" / "data" / "main_data.hdf5"
+    whole = file.read_bytes()
+    file.write_bytes(whole[: int(left * len(whole) if left < 1 else left)])
+    with pytest.raises(UserError, match=r"mine/some-v0.* cannot be read \("):
+        list(episodes("mine/some-v0"))
+
+
+@pytest.mark.parametrize("part", ["rewards", "terminations"])
+def test_columns_are_as_long_as_the_episode(store: Path, part: str) -> None:
+    with h5py.File(store / "mine" / "some-v0" / "data" / "main_data.hdf5", "r+") as file:
+        kept = file[f"episode_2/{part}"][:2]
+        del file[f"episode_2/{part}"]
+        file[f"episode_2/{part}"] = kept
+    with pytest.raises(UserError, match=rf"episode 2 with 4 actions has {part} \(2,\)"):
         list(episodes("mine/some-v0"))
 
 

@@ -148,10 +148,16 @@ def test_windows_of_a_grid_have_all_their_steps(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({"observation": np.full(17, 16)}, "observation of row 0 is 16: allowed are whole numbers from 0 to 15"),
+        (
+            {"observation": np.full(17, 16)},
+            r"observation of row 0 \(episode 0, step 0\) is 16: allowed are whole numbers from 0 to 15",
+        ),
         ({"action": np.arange(17) % 5}, "action of row 4 is 4.0, and here it must be of Discrete"),
         ({"action": np.arange(17) / 2}, "action of row 1 is 0.5, and here it must be of Discrete"),
-        ({"next_observation": np.full(17, 15)}, "next_observation 15 of row 0 is not the observation"),
+        (
+            {"next_observation": np.full(17, 15)},
+            r"next_observation 15 of row 0 \(.* is not the observation",
+        ),
         ({"episode": [0] * 5 + [1] + [0] * 7 + [2] * 4}, "3 episodes in 4 pieces"),
         ({"terminated": np.ones(17)}, "row 0 is terminated, and its episode goes on"),
         ({"step": np.zeros(17)}, "step of row 1 is 0; steps of an episode rise by one"),
@@ -176,7 +182,9 @@ def test_bits_must_be_bits(tmp_path: Path) -> None:
     )
     pieces = np.split(columns["action"], np.cumsum(LENGTHS)[:-1])
     assert found.labels[0].tolist() == [float(part.any()) for part in pieces]
-    with pytest.raises(UserError, match=r"a label is 0\.5, and this feedback's are bits"):
+    with pytest.raises(
+        UserError, match=r"label of the window that ends with row 0 .* is 0\.5, and this feedback's are bits"
+    ):
         windows_of(read(saved(tmp_path, columns, label=np.full(17, 0.5)), env, problem), Success(None), problem)
 
 
@@ -193,6 +201,27 @@ def test_actions_stand_in_the_environments_own_numbers(tmp_path: Path) -> None:
         read(saved(tmp_path, columns, action_1=[0.0, 0.0]), env, problem)
     with pytest.raises(UserError, match=r"observation has the shape \[4\], and here a step has 3 numbers"):
         read(saved(tmp_path, columns, observation_3=[0.0, 0.0]), env, problem)
+
+
+def test_observations_far_outside_the_space_are_of_another_environment(tmp_path: Path) -> None:
+    env = Gymnasium("Pendulum-v1")
+    problem = problem_of(env, EpisodeSum(), SEEDS, "cpu", rolling=True)
+    states = {f"{name}_{i}": [0.0, 0.0] for name in ("observation", "next_observation") for i in range(3)}
+    columns = {**states, "action_0": [0.0, 0.0], "reward": [0, 0]}
+    assert (
+        len(read(saved(tmp_path, columns, next_observation_2=[0.0, 9.0]), env, problem)) == 2
+    )  # a little: 8 is allowed
+    with pytest.raises(
+        UserError, match=r"row 1 \(episode 0, step 1\) is where nobody can be .* \(1 of 2 steps are so\)"
+    ):
+        read(saved(tmp_path, columns, next_observation_2=[0.0, 100.0]), env, problem)
+
+
+def test_half_an_archive_is_named(tmp_path: Path) -> None:
+    (tmp_path / "config.yaml").write_text("trainer: {}")
+    (tmp_path / "recovery.npz").write_bytes(b"PK\x03\x04 and nothing else")
+    with pytest.raises(UserError, match=r"recovery\.npz cannot be read .* compute the run again"):
+        read(tmp_path, *lake(EpisodeSum()))
 
 
 class Parts(gymnasium.Env[Any, Any]):

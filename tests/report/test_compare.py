@@ -1,3 +1,4 @@
+import json
 import re
 import subprocess
 import sys
@@ -38,6 +39,18 @@ def output(write_run: WriteRun, tmp_path: Path) -> Path:
 def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Drawing takes most of the time of a comparison."""
     monkeypatch.setattr("credit.report.compare._figures", lambda *_: {})
+
+
+def test_names_with_dollars_are_drawn_as_they_are(write_run: WriteRun, tmp_path: Path):
+    for method, title in (("block", "$$ loss $x_{$"), ("reference", "[v2] 100 %")):
+        for seed in range(3):
+            folder = write_run(method, seed, {"regret/cumulative": 10.0 ** (seed + 1)})
+            file = folder / "summary.json"
+            file.write_text(json.dumps(json.loads(file.read_text()) | {"paper": {"name": title}}))
+    report = compare(tmp_path / "outputs", "advertiser")
+    assert "$$ loss $x_{$" in (report.folder / "table.md").read_text()
+    assert (report.folder / "curves.png").stat().st_size > 100
+    assert "mathdefault" not in (report.folder / "distribution.svg").read_text()
 
 
 def test_compare_writes_tables_and_figures(output: Path):

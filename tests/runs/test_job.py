@@ -11,6 +11,7 @@ import torch
 import yaml
 
 from credit.config import registry
+from credit.config.identity import plain
 from credit.core.errors import UserError
 from credit.runs import job
 
@@ -120,6 +121,18 @@ def test_identity_ignores_circumstances(composed: Composed) -> None:
 @pytest.mark.parametrize("override", ["mixer.alpha=.4", "trainer.steps=7000", "env.states=9", "bonus.count.scale=.3"])
 def test_identity_is_of_everything_else(composed: Composed, override: str) -> None:
     assert job.identity(composed("method=disagreement", override)) != job.identity(composed("method=disagreement"))
+
+
+@pytest.mark.parametrize("rows", ["[1111,1001,1111]", "[[1,1,1,1],[1,0,0,1],[1,1,1,1]]", "['1111','1001','1111']"])
+def test_a_map_may_be_rows_of_any_kind(rows: str) -> None:
+    none = [f"env.{kind}=0" for kind in ("successes", "partials", "failures")]
+    assert not problems("experiment=pointmaze", f"env.maze={rows}", "env.goal=[1,2]", *none)
+
+
+def test_long_rows_of_digits_are_told_apart() -> None:
+    one, other = ([10**30, row, 10**30] for row in (10**30 + 1, 10**30 + 3))
+    assert plain(one) != plain(other)
+    assert plain([10, 3]) == [10.0, 3.0]
 
 
 def test_what_a_method_does_not_use_is_no_part_of_it(composed: Composed) -> None:

@@ -173,9 +173,11 @@ def fresh_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def uri(tmp_path: Path, fresh_store: Path) -> str:
-    """The address of an empty store."""
-    shutil.copy(fresh_store, tmp_path / "mlflow.db")
-    return resolve_uri(None, tmp_path)
+    """The address of an empty store, that of the output folder."""
+    output = tmp_path / "outputs"
+    output.mkdir(exist_ok=True)
+    shutil.copy(fresh_store, output / "mlflow.db")
+    return resolve_uri(None, output)
 
 
 @pytest.fixture

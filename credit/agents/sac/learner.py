@@ -14,9 +14,10 @@ from credit.agents.sac.loss import Compiled, Gradients, Terms, entropy_room, los
 from credit.agents.sac.networks import CRITICS, encoded
 from credit.agents.sac.policy import Policy
 from credit.agents.seeing import Seeing
+from credit.core.checks import require_finite
 from credit.core.component import ranged
 from credit.core.draws import Draws
-from credit.core.errors import RunError, UserError
+from credit.core.errors import UserError
 from credit.core.problem import Problem
 from credit.core.ranges import NonNegative, Positive, PositiveInt, Probability
 from credit.core.seams import Encoder
@@ -249,12 +250,6 @@ class Learner(Seeing):
 
     def check(self) -> None:
         """Raise RunError, with seed and network, if a weight is not finite."""
+        after = f" after {self.count} updates; are the rewards finite? else try a smaller learning_rate"
         for name, stack in (("actor", self.actor), ("critic", self.critic)):
-            if stack.flat.isfinite().all():
-                continue
-            finite = torch.stack([block.flatten(1).isfinite().all(1) for block in stack.blocks]).all(0)
-            bad = finite.view(len(self.seeds), -1).all(1).logical_not().nonzero().flatten().tolist()
-            raise RunError(
-                f"SAC: a weight of the {name} of seed {', '.join(str(self.seeds[r]) for r in bad)} is not finite after "
-                f"{self.count} updates; are the rewards finite? else try a smaller learning_rate"
-            )
+            require_finite(f"SAC: a weight of the {name}", stack.blocks, self.seeds, after)

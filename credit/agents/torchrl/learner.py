@@ -14,7 +14,7 @@ from torchrl.objectives import SoftUpdate
 from credit.agents.torchrl.heads import Head
 from credit.agents.torchrl.recipes import Recipe
 from credit.agents.torchrl.rows import numbers_seen
-from credit.core.errors import RunError
+from credit.core.checks import require_finite
 from credit.core.problem import FLOAT, Problem
 from credit.core.state import Stateful
 from credit.core.streams import reset_seed
@@ -108,8 +108,7 @@ class Learner(Stateful):
         return told
 
     def _require_finite(self) -> None:
-        if not all(bool(weight.isfinite().all()) for weight in self.loss.parameters()):
-            raise RunError(
-                f"agent.loss={self._agent.loss}: a weight of seed {self.seed} is not finite after {self.updates} "
-                f"updates; are the rewards finite? else try an agent.learning_rate below {self._agent.learning_rate}"
-            )
+        rate = self._agent.learning_rate
+        after = f" after {self.updates} updates; are the rewards finite? else try an agent.learning_rate below {rate}"
+        weights = (weight.unsqueeze(0) for weight in self.loss.parameters())
+        require_finite(f"agent.loss={self._agent.loss}: a weight", weights, [self.seed], after)

@@ -7,7 +7,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from credit.core.belief import Belief
@@ -187,6 +189,10 @@ class Environment(Component):
     def recorded(self, actions: Tensor) -> Tensor:
         """The other way round: actions in the environment's own space, of what an agent does."""
         return actions
+
+    def impossible(self, states: NDArray[Any]) -> NDArray[np.bool_]:
+        """In which of states [n, ...] that others recorded nobody can be here [n], such as a wall; none by default."""
+        return np.zeros(len(states), dtype=bool)
 
     def demonstrations(self) -> tuple[Windows, Tensor] | None:
         """Labelled windows that every method starts from, and their primitive rewards [R, n]; none by default."""

@@ -8,7 +8,10 @@ from functools import cached_property
 from typing import Any
 
 import gymnasium
+import numpy as np
 import torch
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
 from torch import Tensor
 
 from credit.core.component import Setting
@@ -141,6 +144,15 @@ class Described(Environment):
     def states_of(self, observations: Any) -> Tensor:
         """Encoded observations."""
         return self._encoders[0](inverse.require("observation", self._one.observation_space, observations))
+
+    def impossible(self, states: NDArray[Any]) -> NDArray[np.bool_]:
+        """Far outside the bounds of the observation space, which last observations of episodes may leave a little."""
+        space = self._one.observation_space
+        if not isinstance(space, Box) or states.shape[1:] != (space.low.size,):
+            return super().impossible(states)
+        low, high = space.low.ravel().astype(float), space.high.ravel().astype(float)
+        span = high - low
+        return np.asarray(((states < low - span) | (states > high + span)).any(-1))
 
     def actions_of(self, actions: Any) -> Tensor:
         """Numbers, or vectors in [−1, 1]."""

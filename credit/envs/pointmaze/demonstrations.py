@@ -17,6 +17,7 @@ from credit.core.errors import UserError
 from credit.core.windows import Episode
 from credit.data.minari import episodes
 from credit.envs.pointmaze.controllers import Controller, Path
+from credit.envs.pointmaze.outside import require_track, shaped
 from credit.envs.pointmaze.task import RADIUS, Task
 
 SUCCESS, PARTIAL, FAILURE, UNKNOWN = KINDS = ("success", "partial", "failure", "unknown")
@@ -104,9 +105,9 @@ class Demonstrations:
                 arrays = {name: archive[name] for name in names}
         except FileNotFoundError:
             raise UserError(f"demonstrations {file}: there is no such file") from None
-        except (KeyError, ValueError, OSError) as error:
+        except Exception as error:  # whatever a damaged archive makes its reader raise
             raise UserError(f"demonstrations {file} cannot be read ({error}); expected .npz with {names}") from None
-        return cls(**arrays)
+        return cls(**shaped(file, arrays))
 
 
 def make(
@@ -156,6 +157,11 @@ def recorded(source: str | File, task: Task, limit: int | None = None) -> Demons
                 )
         if actions.shape != (steps, 2):
             raise UserError(f"demonstrations={source}: episode {number} has actions {actions.shape}, not {(steps, 2)}")
+        require_track(f"demonstrations {source}: episode {number}", observed["observation"], actions, task.maze)
+        sound = np.isfinite(observed["desired_goal"]).all(-1)
+        if not sound.all():
+            step = int((~sound).argmax())
+            raise UserError(f"demonstrations {source}: episode {number}, step {step}: desired_goal is not finite")
         paths.append(trimmed(observed["observation"], observed["desired_goal"], actions, task))
     return Demonstrations.of(paths, [UNKNOWN] * len(paths))
 

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from credit.core.errors import UserError
@@ -20,7 +21,8 @@ from credit.core.steps import Steps
 from credit.core.windows import Windows
 from credit.envs.pointmaze.demonstrations import Demonstrations, describe, driven, recorded
 from credit.envs.pointmaze.geometry import MazeKnowledge
-from credit.envs.pointmaze.maze import Cell, Maze
+from credit.envs.pointmaze.maze import Cell, Maze, Row
+from credit.envs.pointmaze.outside import in_walls, require
 from credit.envs.pointmaze.physics import Balls, noise
 from credit.envs.pointmaze.task import RADIUS, Task
 
@@ -49,7 +51,7 @@ class PointMaze(Environment):
 
     def __init__(
         self,
-        maze: str | Sequence[str] = "Medium",
+        maze: str | Sequence[Row] = "Medium",
         start: Sequence[int] = (1, 1),
         goal: Sequence[int] = (6, 6),
         successes: NonNegativeInt = 10,
@@ -142,6 +144,10 @@ class PointMaze(Environment):
         """Values [R·K, ...] of the balls as [R, K, ...] on the problem's device."""
         return torch.from_numpy(values.reshape(*self._shape, *values.shape[1:])).to(self._problem.device)
 
+    def impossible(self, states: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
+        """In walls, and outside."""
+        return in_walls(states, self.maze)
+
     def demonstrations(self) -> tuple[Windows, Tensor] | None:
         """The labelled trajectories that all methods start from, and their primitive rewards [R, n].
 
@@ -181,9 +187,9 @@ class PointMaze(Environment):
         """
         offset = (torch.arange(per_cell) + 0.5) / per_cell - 0.5
         within = torch.cartesian_prod(offset, offset)
-        cells = [cell for cell in self.maze.free if self.maze.connects(cell, self.goal)]
-        ahead = [self.maze.path(cell, self.goal)[:2][-1] for cell in cells]  # of the goal, the goal
-        centres, targets = (torch.tensor([self.maze.xy(cell) for cell in part]).unsqueeze(1) for part in (cells, ahead))
+        ahead = self.maze.ahead(self.goal)
+        parts = (ahead.keys(), ahead.values())
+        centres, targets = (torch.tensor([self.maze.xy(cell) for cell in part]).unsqueeze(1) for part in parts)
         places = (centres + within).flatten(0, 1)
         ways = (targets - centres).expand(-1, len(within), -1).flatten(0, 1)
         ways = torch.where(
@@ -214,11 +220,7 @@ class PointMaze(Environment):
         source = str(self.demonstrations_from)
         if Path(source).suffix == ".npz":
             found = Demonstrations.load(source)
-            if (longest := max(found.lengths, default=0)) > self._task.horizon:
-                raise UserError(
-                    f"demonstrations {source}: one has {longest} steps, and the horizon is {self._task.horizon}; they "
-                    "are of another task; give others, or a larger feedback.window"
-                )
+            require(source, found, self._task)
             return found
         return recorded(source, self._task)
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from credit.core.errors import UserError, nearest
 
 Cell = tuple[int, int]
+Row = str | int | Sequence[str | int]  # 101, "101" and [1, 0, 1] are one
 
 OFFICIAL = {"UMaze": "U_MAZE", "Open": "OPEN", "Medium": "MEDIUM_MAZE", "Large": "LARGE_MAZE"}
 WALL, FREE = "1#", "0. rgc"  # r, g, c are free: start and goal are keys of their own
@@ -54,12 +55,12 @@ class Maze:
             raise UserError(f"maze {self.name}: every cell is a wall; at least one must be free (0)")
 
     @classmethod
-    def of(cls, maze: str | Sequence[str | Sequence[int | str]]) -> Maze:
+    def of(cls, maze: str | Sequence[Row]) -> Maze:
         """An official map by its name, or a map given row by row.
 
         Args:
-            maze: UMaze, Open, Medium or Large, or rows of cells, each a string or a list: 1 or # is a wall; 0, a dot
-                or a blank is free, and so are r, g and c.
+            maze: UMaze, Open, Medium or Large, or rows of cells, each a string, a list, or a number as YAML reads a row
+                without quotes: 1 or # is a wall; 0, a dot or a blank is free, and so are r, g and c.
 
         Raises:
             UserError: unknown name or cell, rows of different length, an open border, no free cell.
@@ -101,7 +102,8 @@ class Maze:
 
     def is_free(self, cell: Cell) -> bool:
         """Whether a cell lies in the map and is no wall."""
-        return cell in self.free
+        rows, columns = self.grid.shape
+        return 0 <= cell[0] < rows and 0 <= cell[1] < columns and not self.walls[cell[0]][cell[1]]
 
     def require_free(self, key: str, cell: Cell) -> None:
         """Refuse a cell that is a wall or outside.
@@ -134,9 +136,17 @@ class Maze:
             path.append(before[path[-1]])
         return tuple(reversed(path))
 
-    def connects(self, start: Cell, goal: Cell) -> bool:
-        """Whether there is a path between two free cells."""
-        return goal in self._tree(start)
+    def ahead(self, goal: Cell) -> dict[Cell, Cell]:
+        """Every cell from which a goal can be reached, row by row, and the next one on `path` from there to it."""
+        self.require_free("goal", goal)
+        left = {goal: -1}  # moves to it; that of the goal itself comes first, from which it is 0
+        for cell, before in self._tree(goal).items():  # nearer ones come before others
+            left[cell] = left[before] + 1
+        found = {goal: goal}
+        for cell in left.keys() - {goal}:
+            around = ((cell[0] + down, cell[1] + right) for down, right in MOVES)
+            found[cell] = next(there for there in around if left.get(there) == left[cell] - 1)
+        return {cell: found[cell] for cell in self.free if cell in found}
 
     def _tree(self, start: Cell) -> dict[Cell, Cell]:
         """Every cell that can be reached, and the one before it on a shortest path."""
@@ -169,7 +179,8 @@ def _official() -> dict[str, Any]:
     return runpy.run_path(str(robotics("envs/maze/maps.py")))
 
 
-def _parsed(name: str, rows: Sequence[Sequence[int | str]]) -> tuple[tuple[bool, ...], ...]:
+def _parsed(name: str, given: Sequence[Row]) -> tuple[tuple[bool, ...], ...]:
+    rows = [str(row) if isinstance(row, int) else row for row in given]
     for r, row in enumerate(rows):
         for c, cell in enumerate(row):
             if str(cell) not in tuple(WALL + FREE):

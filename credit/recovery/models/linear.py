@@ -14,7 +14,7 @@ from credit.core.checks import require_equal_lengths
 from credit.core.compiled import usable
 from credit.core.errors import RunError, UserError
 from credit.core.problem import FLOAT, Problem
-from credit.core.ranges import Credit, Positive
+from credit.core.ranges import Credit, Name, Positive
 from credit.core.seams import FeatureMap, Likelihood, Places
 from credit.core.steps import Steps
 from credit.core.store import Store
@@ -49,7 +49,7 @@ class LinearModel(RidgeModel):
 
     def __init__(
         self,
-        name: str,
+        name: Name,
         features: FeatureMap,
         uncertainty: FitUncertainty,
         regularization: Positive = 0.1,

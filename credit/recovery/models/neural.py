@@ -11,9 +11,9 @@ from torch import Tensor
 
 from credit.core.belief import Estimate
 from credit.core.cells import Axis
-from credit.core.errors import RunError
+from credit.core.checks import require_finite
 from credit.core.problem import Problem
-from credit.core.ranges import NonNegative, Positive, PositiveInt
+from credit.core.ranges import Name, NonNegative, Positive, PositiveInt
 from credit.core.seams import FeatureMap, Likelihood, Places, RewardModel
 from credit.core.steps import Steps
 from credit.core.store import Store
@@ -66,7 +66,7 @@ class NeuralModel(RewardModel):
 
     def __init__(
         self,
-        name: str,
+        name: Name,
         features: FeatureMap,
         uncertainty: NetworkUncertainty,
         width: PositiveInt = 64,
@@ -250,14 +250,9 @@ class NeuralModel(RewardModel):
 
     def _check(self) -> None:
         """Raise RunError, with the model and its seeds, if a weight is not finite."""
-        if self.networks.flat.isfinite().all():
-            return
-        finite = torch.stack([block.flatten(1).isfinite().all(1) for block in self.networks.blocks]).all(0)
-        bad = sorted({self._problem.seeds[r] for r in self._owner[~finite].tolist()})
-        raise RunError(
-            f"reward model {self.name!r}: a weight of seed {', '.join(map(str, bad))} is not finite after fit "
-            f"{self._fits}; are labels and states finite? else try a smaller learning_rate"
-        )
+        after = f" after fit {self._fits}; are labels and states finite? else try a smaller learning_rate"
+        what = f"reward model {self.name!r}: a weight"
+        require_finite(what, self.networks.blocks, self._problem.seeds, after)
 
 
 def gradient(outputs: Tensor, shares: Tensor, labels: Tensor, sparsity: float) -> Tensor:

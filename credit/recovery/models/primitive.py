@@ -11,6 +11,7 @@ from torch import Tensor
 from credit.core.belief import Estimate
 from credit.core.cells import PAIRS, Axis, Cells
 from credit.core.problem import FLOAT, Problem
+from credit.core.ranges import Name
 from credit.core.seams import Places, RewardModel, Uncertainty
 from credit.core.steps import Steps
 from credit.core.store import Store
@@ -33,7 +34,7 @@ class PrimitiveReward(RewardModel):
     keeps: ClassVar = ("_total", "_visits")
 
     def __init__(
-        self, name: str = "primitive", looks_at: Sequence[Axis] = PAIRS, uncertainty: Uncertainty | None = None
+        self, name: Name = "primitive", looks_at: Sequence[Axis] = PAIRS, uncertainty: Uncertainty | None = None
     ) -> None:
         self.name = name
         self.looks_at = looks_at

@@ -13,7 +13,7 @@ from credit.core.cells import PAIRS, Axis, Cells
 from credit.core.checks import require_equal_lengths
 from credit.core.errors import UserError
 from credit.core.problem import FLOAT, Problem
-from credit.core.ranges import Credit, Positive, PositiveInt
+from credit.core.ranges import Credit, Name, Positive, PositiveInt
 from credit.core.seams import Places
 from credit.core.state import Stateful
 from credit.core.steps import Steps
@@ -54,7 +54,7 @@ class TableModel(RidgeModel):
     def __init__(
         self,
         uncertainty: FitUncertainty,
-        name: str = "ridge",
+        name: Name = "ridge",
         looks_at: Sequence[Axis] = PAIRS,
         credit: Credit = "every_step",
         regularization: Positive = 10.0,

@@ -199,7 +199,7 @@ def test_demonstrations_from_a_file_are_the_same_for_every_seed(tmp_path: Path) 
 
 def test_a_file_of_longer_trajectories_is_refused(tmp_path: Path) -> None:
     make(maze().task(90), 1, 0, 1).save(tmp_path / "long.npz")
-    with pytest.raises(UserError, match="one has 90 steps, and the horizon is 80"):
+    with pytest.raises(UserError, match="episode 1 has 90 steps, and the horizon is 80"):
         started(demonstrations_from=str(tmp_path / "long.npz"))
 
 

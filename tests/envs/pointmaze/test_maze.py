@@ -68,6 +68,19 @@ def test_paths_are_shortest(name: str) -> None:
             assert all(abs(r - i) + abs(c - j) == 1 for (r, c), (i, j) in pairwise(path))
 
 
+@pytest.mark.parametrize("name", [*OFFICIAL])
+def test_what_lies_ahead_is_the_next_cell_of_the_path(name: str) -> None:
+    maze = Maze.of(name)
+    for goal in maze.free[::7]:
+        ahead = maze.ahead(goal)
+        assert [*ahead] == [*maze.free]
+        assert all(there == maze.path(cell, goal)[:2][-1] for cell, there in ahead.items())
+
+
+def test_nothing_lies_ahead_of_a_cell_without_a_way() -> None:
+    assert Maze.of(["11111", "10101", "11111"]).ahead((1, 1)) == {(1, 1): (1, 1)}
+
+
 def test_maps_of_ones_own() -> None:
     expected = ((True, True, True, True), (True, False, False, True), (True, True, True, True))
     for rows in (
@@ -75,6 +88,7 @@ def test_maps_of_ones_own() -> None:
         [[1, 1, 1, 1], [1, "r", "g", 1], [1, 1, 1, 1]],
         ["####", "#. #", "####"],
         ["1111", "10c1", "1111"],
+        [1111, 1001, 1111],
     ):
         assert Maze.of(rows).walls == expected
 

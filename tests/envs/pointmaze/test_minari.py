@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import sys
 from pathlib import Path
 from typing import Any
@@ -78,6 +79,23 @@ def test_an_environment_starts_from_them(medium: Task, store: Path) -> None:
     problem = missing.problem(300, (0,), "cpu")
     with pytest.raises(UserError, match="`minari download pointmaze/none-v0`"):
         missing.start(problem)
+
+
+def test_one_odd_episode_is_named(medium: Task, store: Path) -> None:
+    """Also what lies behind the first arrival, which is cut away, was recorded in that maze or not."""
+    good = Controller().drive(medium, [2, 2], [np.random.default_rng(seed) for seed in range(2)])
+    for place, value, said in (
+        ((5, 0), np.nan, "step 5: the state is"),
+        (slice(40, 45), 0.0, "step 39: the ball moves by"),
+        ((slice(None), slice(0, 2)), 3.5, r"step 0: a wall is where the ball is, \[3.5, 3.5\] \(\d+ of \d+ are so\)"),
+    ):
+        states = [path.states.astype(np.float64) for path in good]
+        states[1][place] = value
+        parts = zip(states, good, strict=True)
+        written("pointmaze/odd-v0", [episode(seen, path.actions, (2.5, -2.5)) for seen, path in parts])
+        with pytest.raises(UserError, match=rf"demonstrations pointmaze/odd-v0: episode 1, {said}"):
+            read("pointmaze/odd-v0", medium)
+        shutil.rmtree(store / "pointmaze" / "odd-v0")
 
 
 def test_cut_at_the_goal_and_at_the_horizon(corridor: Task) -> None:
