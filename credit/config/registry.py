@@ -57,8 +57,6 @@ def compose(overrides: Sequence[str] = (), config_dirs: Sequence[str] = ()) -> d
     for text in overrides:
         if (first := str(parse(text).key_or_group).partition(".")[0]) in ROLES:
             raise UserError(f"{text!r}: {first} is not for the command line: {ROLES[first]}")
-        if text.lstrip("+").startswith("hydra.sweeper."):
-            raise UserError(f"{text!r}: write several values instead (method=a,b) and -m, or a file: sweep=<name>")
     return deepcopy(_composed(tuple(words), tuple(config_dirs), files.stamp(config_dirs)))
 
 

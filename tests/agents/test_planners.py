@@ -83,7 +83,7 @@ def test_before_anything_is_known_it_plays_action_zero(make_problem: Make) -> No
     agent = ValueIteration(Counts())
     agent.start(make_problem((0, 1)))
     assert agent.act(torch.tensor([[3], [4]]), torch.zeros(2, 1).long()).tolist() == [[0], [0]]
-    assert list(agent.policies()) == ["behaviour"]
+    assert list(agent.policies()) == ["behaviour", "greedy"]
 
 
 class PerStep(CreditAssigner):
