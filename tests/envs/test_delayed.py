@@ -230,6 +230,52 @@ def test_what_is_missing_has_no_label_and_lengths_are_drawn() -> None:
     assert 0.3 < sum(info["censored"] for info in found) / len(ends) < 0.7
 
 
+class Late(Rising):
+    """Tells in its last step alone that it was a success, under some key; its rewards say something else."""
+
+    def __init__(self, key: str, reward: float = 0.0) -> None:
+        super().__init__(reward=reward)
+        self.key = key
+
+    def step(self, action: Any) -> Any:
+        seen, reward, over, cut, _ = super().step(action)
+        return seen, reward, over, cut, {self.key: np.array([True])} if over else {"speed": 1.0}
+
+
+@pytest.mark.parametrize(("key", "success"), [("is_success", "auto"), ("success", "auto"), ("won", "won")])
+def test_a_success_may_be_told_by_the_last_step_alone(key: str, success: str) -> None:
+    env = DelayedReward(Late(key), Success(window=None), success=success)
+    assert [reward for reward, _ in told(env, 14)] == [*[0.0] * 6, 1.0] * 2
+    assert env.spec is None or env.spec.kwargs["success"] == success
+    inside = DelayedReward(Late("won"), Success(window=3), success="won")
+    assert [reward for reward, _ in told(inside, 7)] == [*[0.0] * 6, 1.0]
+
+
+@pytest.mark.parametrize(("reward", "label"), [(0.5, 1.0), (0.0, 0.0), (-1.0, 0.0)])
+def test_a_positive_reward_is_a_success_where_that_is_said(reward: float, label: float) -> None:
+    env = DelayedReward(Late("is_success", reward), Success(window=None), success="reward")
+    assert told(env, 7)[-1][0] == label
+
+
+@pytest.mark.parametrize("reward", [0.0, 1.0])
+@pytest.mark.parametrize(
+    ("success", "said"),
+    [
+        ("auto", r"no step told success or is_success \(the last step told won\); success=KEY names another"),
+        ("wonn", r"no step told wonn \(the last step told won\); success=KEY names another, and success='reward'"),
+    ],
+)
+def test_a_success_that_nobody_tells_is_never_guessed(success: str, said: str, reward: float) -> None:
+    env = DelayedReward(Late("won", reward), Success(window=None), success=success)
+    with pytest.raises(UserError, match=said):
+        told(env, 7)
+
+
+def test_a_key_that_no_feedback_reads_is_refused() -> None:
+    with pytest.raises(UserError, match="success='won': BlockSum does not read whether a step is one"):
+        DelayedReward(Rising(), BlockSum(3), success="won")
+
+
 def test_labels_that_come_late_are_refused() -> None:
     with pytest.raises(UserError, match="a label comes with the last step of its window"):
         DelayedReward(Rising(), BlockSum(3, delay=2))

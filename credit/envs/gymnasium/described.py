@@ -16,10 +16,8 @@ from credit.core.errors import UserError
 from credit.core.problem import Problem
 from credit.core.seams import Environment
 from credit.envs import inverse, spaces
+from credit.envs.facts import REWARD, SUCCESS, looked_for
 from credit.envs.gymnasium.copies import Make
-
-SUCCESS = ("success", "is_success")  # keys of `info` under which environments report one
-REWARD = "reward"  # says that a positive reward is one
 
 
 class Described(Environment):
@@ -171,10 +169,8 @@ class Described(Environment):
     @cached_property
     def _reports(self) -> str | None:
         """The key of `info` under which success is reported, None where it is not."""
-        if self.success not in ("auto", REWARD):
-            return self.success
-        if self.success == REWARD:
-            return None
+        if self.success != "auto":
+            return next(iter(looked_for(self.success)), None)
         env = self._one
         env.reset(seed=0)
         env.action_space.seed(0)

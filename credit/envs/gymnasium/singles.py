@@ -12,13 +12,14 @@ import torch
 from gymnasium.vector.utils import concatenate, create_empty_array
 from torch import Tensor
 
-from credit.core.errors import RunError
+from credit.core.errors import RunError, nearest
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Transitions
 from credit.core.state import pack, same, unpack
 from credit.core.streams import reset_seed
-from credit.envs.gymnasium.copies import Copies, Here, Raised
-from credit.envs.gymnasium.described import REWARD, Described
+from credit.envs.facts import REWARD
+from credit.envs.gymnasium.copies import Copies, Here, Out, Raised
+from credit.envs.gymnasium.described import Described
 from credit.envs.gymnasium.workers import Elsewhere
 
 
@@ -41,6 +42,7 @@ class Singles(Described):
         self._episodes = np.zeros(self._count, dtype=np.int64)  # begun by each copy
         self._open: list[list[Any] | None] = [None] * self._count  # actions of its episode, while that goes on
         self._latest: list[Any] = [None] * self._count
+        self._heard = False  # whether any copy ever told a success, or that it is none
         if (held := vars(self).pop("_copies", None)) is not None:
             held.close()
 
@@ -62,11 +64,13 @@ class Singles(Described):
         chosen = [self._action(taken[n]) for n in which]
         rewards, success = torch.zeros(self._count, dtype=FLOAT), torch.zeros(self._count, dtype=torch.bool)
         terminated, truncated = success.clone(), success.clone()
-        for n, action, out in zip(which, chosen, self._asked("step", which, chosen), strict=True):
+        outs = self._asked("step", which, chosen)
+        if (key := self._reports) is not None:
+            self._require_told(key, which, outs)
+        for n, action, out in zip(which, chosen, outs, strict=True):
             self._latest[n] = out.observation
             rewards[n], terminated[n], truncated[n] = float(out.reward), bool(out.terminated), bool(out.truncated)
-            if self._reports is not None:
-                success[n] = bool(out.info.get(self._reports, False))
+            success[n] = key is not None and bool(out.info.get(key, False))
             if out.terminated or out.truncated:
                 if self.endless:
                     raise RunError(
@@ -82,6 +86,22 @@ class Singles(Described):
         facts = {"success": self._all(success)} if self.facts else {}
         ended = self._all(terminated), self._all(truncated & ~terminated)
         return Transitions(self._states(), self._all(rewards), *ended, facts)
+
+    def _require_told(self, key: str, which: Sequence[int], outs: Sequence[Out]) -> None:
+        """A misspelt key would make every step a failure.
+
+        Raises:
+            RunError: an episode is over, and no step of any copy had it.
+        """
+        self._heard = self._heard or any(key in out.info for out in outs)
+        for n, out in zip(which, outs, strict=True):
+            last = len(self._open[n] or ()) + 1 == self.endless
+            if not self._heard and (out.terminated or out.truncated or last):
+                raise RunError(
+                    f"{self.called}: up to the end of an episode no step had the key {key!r} in its info, "
+                    f"{self._named(n)}; {nearest(key, map(str, out.info))}; env.success=KEY names another, and "
+                    "env.success=reward says that a positive reward is a success"
+                )
 
     def _action(self, value: np.ndarray) -> Any:
         """As the environment's space has it."""
@@ -138,7 +158,7 @@ class Singles(Described):
         open_ = [None if actions is None else pack(np.array(actions), "the open episode") for actions in self._open]
         held = zip(self._open, self._latest, strict=True)
         latest = [None if actions is None else pack(seen, "the last observation") for actions, seen in held]
-        return {"episodes": self._episodes.tolist(), "open": open_, "latest": latest}
+        return {"episodes": self._episodes.tolist(), "open": open_, "latest": latest, "heard": self._heard}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Begin the open episodes again with their seeds, and play what was played.
@@ -147,6 +167,7 @@ class Singles(Described):
             ValueError: that leads elsewhere.
         """
         self._episodes = np.asarray(state["episodes"], dtype=np.int64)
+        self._heard = state.get("heard", True)  # of before there was this word
         for n, packed in enumerate(state["open"]):
             self._open[n] = None
             if packed is None:

@@ -33,7 +33,7 @@ SEEDS = (3, 4)
 class Odd(gymnasium.Env[Any, Any]):
     """A dictionary to see, with a counter in it, and two digits to do; six steps; it may misbehave in the third."""
 
-    def __init__(self, trouble: str = "none", reports: bool = False) -> None:
+    def __init__(self, trouble: str = "none", reports: bool | str = False) -> None:
         self.observation_space = Dict(here=MultiDiscrete([3, 2]), far=Box(-1.0, 1.0, (2,)))
         self.action_space = MultiDiscrete([2, 2])
         self.trouble, self.reports = trouble, reports
@@ -55,7 +55,9 @@ class Odd(gymnasium.Env[Any, Any]):
         self._t += 1
         if self._bad("raises"):
             raise ArithmeticError("no third step")
-        info = {"is_success": self._t == 6, "reward": 7.0} if self.reports else {}
+        info = {"is_success": self._t == 6, "reward": 7.0} if self.reports is True else {}
+        if self.reports == "now and then" and self._t == 2:
+            info = {"is_success": True}
         reward = np.inf if self._bad("reward") else float(action.sum())
         return self._seen(), reward, self._t == 6, False, info
 
@@ -149,6 +151,36 @@ def test_success_is_told_or_refused() -> None:
     lake = Gymnasium("FrozenLake-v1", success="reward")
     problem_of(lake, Success(None), SEEDS, "cpu", rolling=True)
     assert lake.facts == ("success",)
+
+
+@pytest.mark.parametrize("horizon", [None, 4])
+def test_a_key_that_is_never_told_is_no_failure(horizon: int | None) -> None:
+    """A misspelt key ends the run, and label 0 is no success that was not told."""
+    said = r"tests/Odd-v0'.*had the key 'is_succes' in its info, seed 3, .*; did you mean 'is_success'\?"
+    env = Gymnasium("tests/Odd-v0", {"reports": True}, success="is_succes", horizon=horizon)
+    env.start(env.problem(None, SEEDS))
+    env.reset()
+    actions = torch.zeros(2, 1, dtype=torch.int64)
+    for _ in range((horizon or 6) - 1):
+        env.step(actions)
+    with pytest.raises(RunError, match=said):
+        env.step(actions)
+
+
+def test_a_key_that_was_told_need_not_be_told_again() -> None:
+    """Some tell a success where it is one, and nothing elsewhere; and who goes on knows that it was told."""
+    one, other = (Gymnasium("tests/Odd-v0", {"reports": "now and then"}, success="is_success") for _ in range(2))
+    problem = one.problem(None, SEEDS)
+    for env in (one, other):
+        env.start(problem)
+    one.reset()
+    actions = torch.zeros(2, 1, dtype=torch.int64)
+    found = [one.step(actions).facts["success"].tolist() for _ in range(6)]
+    assert found == [[[False], [False]], [[True], [True]], *[[[False], [False]]] * 4]
+    one.reset()
+    other.load_state_dict(one.state_dict())
+    assert other.step(actions).facts["success"].tolist() == [[False], [False]]
+    assert other.state_dict()["heard"]
 
 
 @pytest.mark.parametrize(
