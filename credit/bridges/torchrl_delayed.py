@@ -69,7 +69,7 @@ class DelayedReward(Transform):
         problem = Problem(
             problem.observation_space, problem.action_space, problem.window, problem.seeds, problem.device, whole
         )
-        return Labeller(copy.deepcopy(self._feedback), problem, self._window, self._success)
+        return Labeller(copy.deepcopy(self._feedback), problem, self._success)
 
     def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
         """New windows where episodes begin; those that were open have no label."""

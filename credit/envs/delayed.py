@@ -65,7 +65,7 @@ class DelayedReward(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs
         spaces = env.observation_space, env.action_space
         whole = feedback.window is None
         problem = Problem(*spaces, self.label_window or 1, (seed,), torch.device("cpu"), whole)
-        self._labeller = Labeller(self._feedback, problem, self.label_window, success)
+        self._labeller = Labeller(self._feedback, problem, success)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """A new episode, and a new window; one that was open has no label."""

@@ -19,7 +19,7 @@ class Labeller:
     """Steps of one environment → labels where windows end: of T steps, of as many as are drawn, or whole episodes.
 
     Args:
-        feedback: what makes labels, for this alone. problem: of one seed. longest: most steps of a window, if known.
+        feedback: what makes labels, for this alone. problem: of one seed.
         success: the key under which a success is told, for a feedback that reads it; `auto` looks for `success` and
             `is_success`, and `reward` says that a step with a positive reward is one.
 
@@ -30,7 +30,7 @@ class Labeller:
         UserError: labels that come late, which an agent's step cannot wait for; a key that nobody reads.
     """
 
-    def __init__(self, feedback: Feedback, problem: Problem, longest: int | None, success: str = "auto") -> None:
+    def __init__(self, feedback: Feedback, problem: Problem, success: str = "auto") -> None:
         if feedback.delay or feedback.delay_windows:
             raise UserError(
                 f"feedback.delay={feedback.delay}, delay_windows={feedback.delay_windows}: here a label comes with the "
@@ -41,7 +41,7 @@ class Labeller:
                 f"success={success!r}: {type(feedback).__name__} does not read whether a step is one; leave it out, or "
                 "take a feedback that does, like Success"
             )
-        self._feedback, self._longest, self._success = feedback, longest, success
+        self._feedback, self._success = feedback, success
         reads = feedback.reads
         self.keys = () if reads is None else looked_for(success) if reads == "success" else (reads,)
         self._heard = False  # whether one of them was ever told
@@ -109,8 +109,6 @@ class Labeller:
         """Y of the window that ends; None where it has none."""
         short = self._length is not None and not full
         rewards = torch.tensor(self._rewards, dtype=FLOAT)
-        if not self._feedback.whole and self._longest is not None:  # as the collector has it
-            rewards = torch.nn.functional.pad(rewards, (0, max(self._longest - len(rewards), 0)))
         label = float(self._feedback.label(rewards.view(1, 1, -1), torch.tensor([[len(self._rewards)]])))
         missing = self._feedback.missing > 0 and self._uniform(self._missing) < self._feedback.missing
         dropped = short and (self._feedback.cut == "drop" or self._feedback.whole)

@@ -24,7 +24,7 @@ from credit.core.seams import Feedback
 from credit.core.streams import reset_seed
 from credit.envs import DelayedReward
 from credit.envs.collect import Collector
-from credit.envs.feedback import BlockSum, Success, Terminal
+from credit.envs.feedback import BlockSum, Labels, Success, Terminal
 from credit.envs.gymnasium.environment import Gymnasium
 
 
@@ -228,6 +228,18 @@ def test_what_is_missing_has_no_label_and_lengths_are_drawn() -> None:
     gaps = {b - a for a, b in pairwise(ends)}
     assert gaps == {1, 2, 3}  # 1 at an episode's end
     assert 0.3 < sum(info["censored"] for info in found) / len(ends) < 0.7
+
+
+class Median(Labels):
+    objective: ClassVar = "median"
+
+    def rule(self, rewards: Tensor) -> Tensor:
+        return rewards.median(-1).values
+
+
+def test_a_window_that_is_cut_short_has_a_rule_of_its_own_steps() -> None:
+    found = [info["label"] for _, info in told(DelayedReward(Rising(20, 1.0), Median(15)), 20) if info["window_end"]]
+    assert found == [1.0, 1.0]
 
 
 class Late(Rising):
