@@ -20,6 +20,7 @@ from credit.core.errors import UserError
 from credit.core.problem import Problem
 
 LARGEST = 100_000  # values that a space may have and still be a number
+WIDEST = 10_000  # values that a part of an observation may have and still be seen one-hot: 40 kB of every step
 View = Literal["auto", "number", "vector"]
 
 
@@ -131,7 +132,7 @@ class Vectors(Observations):
     """Any observation as a vector, as `gymnasium.spaces.flatten` has it: numbers one-hot, boxes as they are.
 
     Raises:
-        UserError: the space has values of different sizes (Text, Sequence, Graph).
+        UserError: the space has values of different sizes (Text, Sequence, Graph), or too many to be seen one-hot.
     """
 
     def __init__(self, space: Space[Any]) -> None:
@@ -155,11 +156,11 @@ class Choices(Actions):
         assert digits is not None, f"{space} is not finite"
         if digits.count > LARGEST:
             raise UserError(f"action space {space} has {digits.count} values, at most {LARGEST} are counted")
-        self._digits, self.space = digits, Discrete(digits.count)
+        self._digits, self._kind, self.space = digits, _kind(space), Discrete(digits.count)
 
     def __call__(self, actions: Tensor) -> Tensor:
-        """Actions [..., *shape] int64 of numbers [...]."""
-        return self._digits.values(actions)
+        """Actions [..., *shape] of numbers [...], of the space's type."""
+        return self._digits.values(actions).to(self._kind)
 
 
 class Scaled(Actions):
@@ -176,7 +177,7 @@ class Scaled(Actions):
                 "the environment so that it has (gymnasium.wrappers.RescaleAction, ClipAction or TransformAction)"
             )
         self._low, self._high = (torch.from_numpy(np.asarray(part, np.float64)) for part in (space.low, space.high))
-        self._whole, self._kind = np.issubdtype(space.dtype, np.integer), torch.from_numpy(space.low[..., None]).dtype
+        self._whole, self._kind = np.issubdtype(space.dtype, np.integer), _kind(space)
         self.space = Box(-1.0, 1.0, (prod(space.shape),))
 
     def __call__(self, actions: Tensor) -> Tensor:
@@ -184,7 +185,7 @@ class Scaled(Actions):
         low, high = self._low.to(actions.device), self._high.to(actions.device)
         share = (actions.clamp(-1, 1).to(low.dtype).reshape(*actions.shape[:-1], *low.shape) + 1) / 2
         value = torch.lerp(low.expand_as(share), high.expand_as(share), share)
-        return value.round().long() if self._whole else value.to(self._kind)
+        return (value.round() if self._whole else value).to(self._kind)
 
 
 def observations(space: Space[Any], as_: View = "auto") -> Observations:
@@ -234,6 +235,31 @@ def problem(
     return Problem(seen.space, done.space, window, tuple(seeds), torch.device(device), episodic, horizon)
 
 
+def outside(space: Space[Any], values: Any) -> np.ndarray | None:
+    """Which of n values [n, *shape] are none that a finite space has [n], by any part; None where no part is finite.
+
+    Boxes are not held to their bounds, which many environments do not keep.
+
+    Example:
+        >>> outside(Discrete(5), np.array([4, 5, -1]))
+        array([False,  True,  True])
+    """
+    if isinstance(space, (Dict, Tuple)):
+        found = [part for inner in _parts(space, values) if (part := outside(*inner)) is not None]
+        return np.logical_or.reduce(found) if found else None
+    digits = Digits.of(space)
+    if digits is None:
+        return None
+    flat = digits.flat(values)
+    wrong: np.ndarray = ((flat < 0) | (flat >= digits.base)).any(-1).numpy()
+    return wrong
+
+
+def _kind(space: Space[Any]) -> torch.dtype:
+    """The type of a space's numbers."""
+    return torch.from_numpy(np.zeros(1, space.dtype)).dtype
+
+
 def _parts(space: Space[Any], values: Any) -> list[tuple[Space[Any], Any]]:
     if isinstance(space, Dict):
         assert isinstance(values, Mapping)
@@ -249,7 +275,14 @@ def _width(space: Space[Any]) -> int:
     if isinstance(space, (Discrete, MultiDiscrete)):
         digits = Digits.of(space)
         assert digits is not None
-        return int(digits.base.sum())
+        if (width := int(digits.base.sum())) > WIDEST:
+            number = "see it as a number (env.view=number), or " if digits.count <= LARGEST else ""
+            raise UserError(
+                f"observation space {space} would be seen one-hot, as {width} numbers in every step, and at most "
+                f"{WIDEST} are; {number}wrap the environment so that it has a smaller one, such as coordinates in a "
+                "Box (gymnasium.wrappers.TransformObservation)"
+            )
+        return width
     if isinstance(space, (Box, MultiBinary)):
         return prod(space.shape)
     raise UserError(

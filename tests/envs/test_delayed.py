@@ -202,6 +202,14 @@ def test_a_reward_that_is_no_number_is_refused() -> None:
         env.step(0)
 
 
+@pytest.mark.parametrize("reward", ["abc", np.ones(2), [None]])
+def test_a_reward_that_is_not_one_number_is_refused(reward: Any) -> None:
+    with pytest.raises(RunError, match=r"reward .* in step 0 of a window: a label needs finite numbers, one for each"):
+        told(DelayedReward(Rising(reward=reward), BlockSum(3)), 1)
+    one = DelayedReward(Rising(reward=np.array([2.0])), BlockSum(3, 0.0))  # type: ignore[arg-type]
+    assert [reward for reward, _ in told(one, 3)] == [0.0, 0.0, 6.0]
+
+
 @pytest.mark.thorough
 def test_it_is_imported_when_it_is_asked_for() -> None:
     code = "import sys, credit, credit.envs; assert not {'torch', 'gymnasium'} & {*sys.modules}; "

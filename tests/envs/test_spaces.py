@@ -56,6 +56,16 @@ def stacked(space: Space[Any], samples: list[Any]) -> Any:
     return values.reshape(R, K, *values.shape[1:])
 
 
+def test_actions_are_of_the_type_that_the_space_has() -> None:
+    """As `contains` asks for: whole numbers of 32 bits where the box has those."""
+    for space in (Box(-3, 9, (2,), np.int32), Box(0, 255, (2,), np.uint8), Box(-1, 1, (2,)), MultiBinary(2)):
+        done = actions(space)
+        some = torch.tensor([[-1.0, 0.3], [1.0, 0.999]]) if isinstance(space, Box) else torch.tensor([0, 3])
+        found = done(some).numpy()
+        assert found.dtype == space.dtype
+        assert all(space.contains(one) for one in found)
+
+
 def drawn(space: Space[Any]) -> list[Any]:
     space.seed(3)
     return [space.sample() for _ in range(R * K)]
@@ -120,7 +130,7 @@ def test_an_action_lies_in_its_space(kind: type) -> None:
 
 def test_whole_numbers_stay_whole() -> None:
     found = Scaled(Box(0, 10, (1,), dtype=np.int32))(torch.tensor([[[-1.0], [0.13], [1.0]]]))
-    assert found.dtype == torch.int64
+    assert found.dtype == torch.int32
     assert found.flatten().tolist() == [0, 6, 10]
 
 

@@ -17,7 +17,7 @@ from credit.core.problem import Problem
 from credit.core.seams import Environment
 from credit.envs import inverse, spaces
 from credit.envs.facts import REWARD, SUCCESS, looked_for
-from credit.envs.gymnasium.copies import Make
+from credit.envs.gymnasium.copies import Make, Raised, first, out, told
 
 
 class Described(Environment):
@@ -172,9 +172,12 @@ class Described(Environment):
         if self.success != "auto":
             return next(iter(looked_for(self.success)), None)
         env = self._one
-        env.reset(seed=0)
-        env.action_space.seed(0)
-        info = env.step(env.action_space.sample())[4]
+        try:
+            first(0, told(env.reset, 0, seed=0))
+            env.action_space.seed(0)
+            info = out(0, told(env.step, 0, env.action_space.sample())).info
+        except Raised as error:
+            raise UserError(f"{self.called} {error.did} {error.method}, of a first try: {error.what}") from error
         return next((key for key in SUCCESS if key in info), None)
 
     def remark(self) -> str:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import inspect
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, NoReturn
 
 import numpy as np
 import torch
+from gymnasium.spaces import Space
 from gymnasium.vector.utils import concatenate, create_empty_array
 from torch import Tensor
 
@@ -17,6 +18,7 @@ from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Transitions
 from credit.core.state import pack, same, unpack
 from credit.core.streams import reset_seed
+from credit.envs import spaces
 from credit.envs.facts import REWARD
 from credit.envs.gymnasium.copies import Copies, Here, Out, Raised
 from credit.envs.gymnasium.described import Described
@@ -53,9 +55,10 @@ class Singles(Described):
 
     def _begin(self, which: Sequence[int]) -> None:
         seeds = [self._seed(n, self._episodes[n]) for n in which]
+        for n in which:
+            self._episodes[n], self._open[n] = self._episodes[n] + 1, None
         for n, first in zip(which, self._asked("reset", which, seeds), strict=True):
             self._latest[n], self._open[n] = first, []
-            self._episodes[n] += 1
 
     def step(self, actions: Tensor, mask: Tensor | None = None) -> Transitions:
         """One step of the copies of the mask [R, K]."""
@@ -69,7 +72,7 @@ class Singles(Described):
             self._require_told(key, which, outs)
         for n, action, out in zip(which, chosen, outs, strict=True):
             self._latest[n] = out.observation
-            rewards[n], terminated[n], truncated[n] = float(out.reward), bool(out.terminated), bool(out.truncated)
+            rewards[n], terminated[n], truncated[n] = out.reward, out.terminated, out.truncated
             success[n] = key is not None and bool(out.info.get(key, False))
             if out.terminated or out.truncated:
                 if self.endless:
@@ -112,7 +115,7 @@ class Singles(Described):
             return getattr(self._copies, method)(which, arguments)
         except Raised as error:
             where = self._named(error.copy)
-            raise RunError(f"{self.called} raised in {method}, {where}: {error.what}") from error
+            raise RunError(f"{self.called} {error.did} {method}, {where}: {error.what}") from error
 
     def _named(self, copy: int) -> str:
         """Whose a copy is, and where it is."""
@@ -136,9 +139,34 @@ class Singles(Described):
         """What all copies see [R, K, ...]."""
         space = self._one.observation_space
         block: Any = create_empty_array(space, self._count)  # anew: what was seen before stays what it was
-        states = self._encoders[0](concatenate(space, self._latest, block))
+        try:
+            block = concatenate(space, self._latest, block)
+        except Exception:  # whatever NumPy says of other shapes and types
+            self._require_fits(space)
+            raise
+        if (wrong := spaces.outside(space, block)) is not None and wrong.any():
+            self._misfit(int(wrong.argmax()), space)
+        states = self._encoders[0](block)
         self._require_finite("observation", states)
         return self._all(states)
+
+    def _require_fits(self, space: Space[Any]) -> None:
+        for n, seen in enumerate(self._latest):
+            try:
+                one: Any = create_empty_array(space, 1)
+                concatenate(space, [seen], one)
+            except Exception:  # see above
+                self._misfit(n, space)
+
+    def _misfit(self, copy: int, space: Space[Any]) -> NoReturn:
+        seen = self._latest[copy]
+        given = f"{seen!r}"
+        if isinstance(seen, np.ndarray):
+            given = f"{seen.tolist() if seen.size <= 8 else 'an array'}, {list(seen.shape)} of {seen.dtype}"
+        raise RunError(
+            f"{self.called}: observation {given[:200]}, {self._named(copy)}; it must be of {space}, as the environment "
+            "says of itself"
+        )
 
     def _require_finite(self, what: str, values: Tensor) -> None:
         if values.is_floating_point() and not (finite := values.isfinite()).all():
@@ -176,7 +204,7 @@ class Singles(Described):
             self._episodes[n] -= 1
             self._begin([n])
             for action in actions:
-                (out,) = self._copies.step([n], [action])
+                (out,) = self._asked("step", [n], [action])
                 self._latest[n] = out.observation
             self._open[n] = actions
             if not same(self._latest[n], unpack(state["latest"][n], self._latest[n], "the last observation")):
