@@ -30,7 +30,7 @@ def number(value: Any) -> float:
         >>> number(np.array([1.0]))
         1.0
     """
-    if isinstance(value, (float, int, np.number, np.bool_)):
+    if isinstance(value, (float, int, np.number, np.bool_)):  # first, since this is asked in every step
         return float(value)
     array = np.asarray(value)
     if array.size != 1 or array.dtype.kind not in "biuf":

@@ -247,12 +247,12 @@ def outside(space: Space[Any], values: Any) -> np.ndarray | None:
     if isinstance(space, (Dict, Tuple)):
         found = [part for inner in _parts(space, values) if (part := outside(*inner)) is not None]
         return np.logical_or.reduce(found) if found else None
-    digits = Digits.of(space)
-    if digits is None:
+    if not isinstance(space, (Discrete, MultiDiscrete, MultiBinary)):
         return None
-    flat = digits.flat(values)
-    wrong: np.ndarray = ((flat < 0) | (flat >= digits.base)).any(-1).numpy()
-    return wrong
+    least: Any = 0 if isinstance(space, MultiBinary) else space.start
+    count: Any = 2 if isinstance(space, MultiBinary) else space.n if isinstance(space, Discrete) else space.nvec
+    wrong = np.asarray((values < least) | (values - least >= count))
+    return wrong.reshape(len(wrong), -1).any(1) if wrong.ndim > 1 else wrong
 
 
 def _kind(space: Space[Any]) -> torch.dtype:

@@ -22,9 +22,10 @@ from gymnasium.spaces import (
     flatten,
     flatten_space,
 )
+from gymnasium.vector.utils import concatenate, create_empty_array
 
 from credit.core.errors import UserError
-from credit.envs.spaces import LARGEST, Choices, Numbers, Scaled, Vectors, actions, observations, problem
+from credit.envs.spaces import LARGEST, Choices, Numbers, Scaled, Vectors, actions, observations, outside, problem
 
 R, K = 2, 5
 FINITE = [
@@ -173,3 +174,25 @@ def test_a_problem_has_the_encoded_spaces() -> None:
     found = problem(observations(MultiDiscrete([3, 4])), actions(Box(0, 5, (2,))), 9, (1, 2))
     assert (found.states, found.actions, found.window, found.seeds) == (12, 2, 9, (1, 2))
     assert (found.finite_states, found.finite_actions, found.episodic) == (True, False, True)
+
+
+def blocked(space: Space[Any]) -> Any:
+    return concatenate(space, drawn(space), create_empty_array(space, R * K))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("space", SPACES, ids=str)
+def test_no_sample_lies_outside(space: Space[Any]) -> None:
+    found = outside(space, blocked(space))
+    assert (found is None) == isinstance(space, Box)
+    assert found is None or found.tolist() == [False] * R * K
+
+
+@pytest.mark.parametrize("wrong", [100, -100])
+@pytest.mark.parametrize("space", FINITE, ids=str)
+def test_what_lies_outside_is_found(space: Space[Any], wrong: int) -> None:
+    values = blocked(space)
+    values[3] = wrong
+    assert not space.contains(values[3])
+    for found in (outside(space, values), outside(Dict(a=Box(0, 1, ()), b=space), {"a": values, "b": values})):
+        assert found is not None
+        assert found.tolist() == [n == 3 for n in range(R * K)]

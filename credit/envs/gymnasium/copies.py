@@ -6,7 +6,7 @@ vector resets a finished copy within `step` and returns that as if it were one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import gymnasium
@@ -93,15 +93,10 @@ def out(copy: int, answer: Any) -> Out:
     Raises:
         Broke: that is not what Gymnasium's `step` gives.
     """
-    seen, *numbers, info = _parts(copy, "step", answer, Out._fields)
+    seen, reward, terminated, truncated, info = _parts(copy, "step", answer, Out._fields)
     _require_info(copy, "step", info)
-    told = []
-    for what, value in zip(("the reward", "terminated", "truncated"), numbers, strict=True):
-        try:
-            told.append(number(value))
-        except ValueError:
-            raise Broke(copy, "step", f"{what} {value!r} is not one number") from None
-    return Out(seen, told[0], bool(told[1]), bool(told[2]), info)
+    over, cut = _number(copy, "terminated", terminated), _number(copy, "truncated", truncated)
+    return Out(seen, _number(copy, "the reward", reward), bool(over), bool(cut), info)
 
 
 def _parts(copy: int, method: str, answer: Any, names: tuple[str, ...]) -> tuple[Any, ...]:
@@ -112,8 +107,15 @@ def _parts(copy: int, method: str, answer: Any, names: tuple[str, ...]) -> tuple
     return answer
 
 
+def _number(copy: int, what: str, value: Any) -> float:
+    try:
+        return number(value)
+    except ValueError:
+        raise Broke(copy, "step", f"{what} {value!r} is not one number") from None
+
+
 def _require_info(copy: int, method: str, info: Any) -> None:
-    if not isinstance(info, Mapping):
+    if not isinstance(info, dict):
         raise Broke(copy, method, f"gave {info!r} where info is a dictionary")
 
 
