@@ -5,12 +5,15 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from credit.core.errors import UserError
 from credit.core.policy import Policy, TablePolicy
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Encoder, FeatureMap
 from credit.core.steps import Steps
 from credit.networks.perceptron import PRECISION
 from credit.networks.replicated import ReplicaNetwork
+
+MOST = 2**30  # numbers of a table of all that may be seen, 4 GB
 
 
 class Moments:
@@ -19,12 +22,24 @@ class Moments:
     Args:
         problem: sizes. features: φ, started; None for one-hot states. timed: whether the step is seen.
 
+    Raises:
+        UserError: too many to be listed.
+
     Attributes:
         size: how many numbers that is.
     """
 
     def __init__(self, problem: Problem, features: FeatureMap | None, timed: bool = True) -> None:
         self._problem, self._timed = problem, timed
+        steps = problem.horizon if timed else 0
+        if features is None and (size := problem.states * max(steps, 1) * (problem.states + steps)) > MOST:
+            moments = f"{problem.states} states" + f" at {steps} steps" * timed
+            less = "leave out the clock (agent.timed=false), " if timed else ""
+            raise UserError(
+                f"an agent that sees {moments} one-hot has a table of {size:.1e} numbers, and at most {MOST:.1e} are "
+                f"kept: {less}name what it sees of a state (+features@agent.features=…), or wrap the environment so "
+                "that it has fewer"
+            )
         states = torch.arange(problem.states, device=problem.device)
         nothing = torch.zeros_like(states)
         if features is None:

@@ -14,7 +14,6 @@ from torchrl.envs.transforms import Transform
 from credit.core.errors import UserError
 from credit.core.problem import Problem
 from credit.core.seams import Feedback
-from credit.envs.gymnasium.described import SUCCESS
 from credit.envs.labeller import Labeller
 
 
@@ -24,16 +23,21 @@ class DelayedReward(Transform):
     `label` (NaN where there is none), `window_end` and `censored`, whether a window ended without a label, lie beside
     the observation of every step, [..., 1]; after a reset they are NaN and false. Windows are as the feedback has them;
     an episode begins a new one. The primitive reward is nowhere behind this transform; what else the environment tells
-    (an info reader's keys) is not touched.
+    (an info reader's keys) is not touched. What truncates, like `StepCounter`, stands before this one in a `Compose`:
+    the end of an episode that is set behind it closes no window, so that its steps never get their label.
 
     Args:
         feedback: what makes labels; it is copied.
         seed: of the feedback's random numbers; the n-th of a batch of environments has seed + n.
         longest: most steps of an episode, where windows are whole ones.
         label_key, end_key, censored_key: what is written.
+        success: the key that says whether a step is a success, for a feedback that reads it; `auto` looks for
+            `success`, `is_success`; `reward`: a step with a positive reward is one. A `GymEnv` tells what Gymnasium's
+            `info` has only after `env.auto_register_info_dict()`.
 
     Raises:
-        UserError: two keys are the same; labels that come late, which an agent's step cannot wait for.
+        UserError: two keys are the same; labels that come late, which an agent's step cannot wait for; a
+            `success` that the feedback does not read.
 
     Example:
         >>> env = TransformedEnv(GymEnv("Pendulum-v1"), DelayedReward(BlockSum(window=20, noise=0.0)))
@@ -48,12 +52,13 @@ class DelayedReward(Transform):
         label_key: str = "label",
         end_key: str = "window_end",
         censored_key: str = "censored",
+        success: str = "auto",
     ) -> None:
         self._own = (label_key, end_key, censored_key)
         if len({*self._own, "reward"}) < len(self._own) + 1:
             raise UserError(f"label_key, end_key, censored_key are {list(self._own)}: give three names, none 'reward'")
         super().__init__(in_keys=["reward"], out_keys=["reward", *self._own])
-        self._feedback, self._seed = feedback, seed
+        self._feedback, self._seed, self._success = feedback, seed, success
         self._window = feedback.window or longest
         self._made(0)  # what does not fit is said here
         self._labellers: list[Labeller] = []
@@ -64,7 +69,7 @@ class DelayedReward(Transform):
         problem = Problem(
             problem.observation_space, problem.action_space, problem.window, problem.seeds, problem.device, whole
         )
-        return Labeller(copy.deepcopy(self._feedback), problem, self._window)
+        return Labeller(copy.deepcopy(self._feedback), problem, self._success)
 
     def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
         """New windows where episodes begin; those that were open have no label."""
@@ -84,14 +89,14 @@ class DelayedReward(Transform):
         """The label where a window ends, and 0 elsewhere, in place of the reward.
 
         Raises:
-            RunError: a reward is not finite.
+            RunError: a reward is not finite. UserError: a success is read, and nothing ever told one.
         """
         reward, over = next_tensordict.get("reward"), next_tensordict.get("done")
-        rewards = reward.reshape(-1).tolist()
+        told = {key: self._column(next_tensordict, key) for key in self._labellers[0].keys if key in next_tensordict}
         seen = [
-            labeller.step(*one)
-            for labeller, *one in zip(
-                self._labellers, rewards, self._shown(next_tensordict, rewards), over.reshape(-1).tolist(), strict=True
+            labeller.step(one, {key: column[n] for key, column in told.items()}, end)
+            for n, (labeller, one, end) in enumerate(
+                zip(self._labellers, reward.reshape(-1).tolist(), over.reshape(-1).tolist(), strict=True)
             )
         ]
         ended = torch.tensor([end for end, _ in seen]).view(reward.shape)
@@ -99,12 +104,10 @@ class DelayedReward(Transform):
         next_tensordict.set("reward", label.nan_to_num(0.0).to(reward))
         return self._written(next_tensordict, label, ended, ended & label.isnan())
 
-    def _shown(self, told: TensorDictBase, rewards: list[float]) -> list[float]:
-        """What the feedback is shown of a step: its reward, or a fact where the environment tells it."""
-        reads = self._feedback.reads
-        names = () if reads is None else SUCCESS if reads == "success" else (reads,)
-        fact = next((told.get(name) for name in names if told.get(name, None) is not None), None)
-        return rewards if fact is None else fact.reshape(-1).double().tolist()
+    def _column(self, told: TensorDictBase, key: str) -> list[float]:
+        """A fact of each environment."""
+        found: list[float] = told.get(key).reshape(-1).double().tolist()
+        return found
 
     def _written(self, told: TensorDictBase, *values: Tensor) -> TensorDictBase:
         for name, value in zip(self._own, values, strict=True):

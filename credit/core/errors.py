@@ -5,6 +5,8 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Sequence
 
+RAISED = (Exception, SystemExit)  # whatever a part may raise: one that ends Python would end credit without a word
+
 
 class UserError(ValueError):
     """Something the user asked for cannot be done; the message says what, why, and what to do.

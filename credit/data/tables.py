@@ -39,7 +39,8 @@ def read(file: Path) -> Columns:
     | `window` | which one; without it a window ends with every label and every episode |
 
     Raises:
-        UserError: no such file, columns that are missing or unknown, or a value that is none, with its column and row.
+        UserError: no such file, no steps, columns that are missing or unknown, or a value that is none, with its column
+            and row.
     """
     frame = _frame(file)
     names = [str(name) for name in frame.columns]
@@ -49,6 +50,8 @@ def read(file: Path) -> Columns:
     if "reward" not in names and "label" not in names:
         raise UserError(f"{file}: there is neither a column label nor reward, and so nothing to learn from ({NAMES})")
     found = {name: _vector(file, frame, name, names) for name in VECTORS}
+    if not len(frame):
+        raise UserError(f"{file}: there are no steps in it, only the names of columns; give one row a step")
     for name in set(SINGLE) & set(names):
         blank = name in ("label", "reward") and "label" in names  # who has labels may know only some rewards, or none
         found[name] = _numbers(file, frame, name, blank)

@@ -13,7 +13,6 @@ from gymnasium.utils import RecordConstructorArgs
 from credit.core.errors import UserError
 from credit.core.problem import Problem
 from credit.core.seams import Feedback
-from credit.envs.gymnasium.described import SUCCESS
 from credit.envs.labeller import Labeller
 
 OWN = ("label", "window_end", "censored")  # keys of `info` that are ours
@@ -33,12 +32,15 @@ class DelayedReward(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs
         seed: of the feedback's random numbers; give each of several environments its own. `reset(seed=…)` seeds the
             environment alone.
         keep: keys of the environment's `info` to tell all the same.
+        success: the key of `info` that says whether a step is a success, for a feedback that reads it; `auto` looks for
+            `success`, `is_success`; `reward`: a step with a positive reward is one.
 
     Attributes:
         label_window: most steps of a window; None where that is an episode without a time limit.
 
     Raises:
-        UserError: a key to keep is one of ours; or labels that come late, which an agent's step cannot wait for.
+        UserError: a key to keep is one of ours; or labels that come late, which an agent's step cannot wait for; a
+            `success` that the feedback does not read.
 
     Example:
         >>> env = DelayedReward(gymnasium.make("Pendulum-v1"), BlockSum(window=20, noise=0.0))
@@ -52,19 +54,18 @@ class DelayedReward(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs
         feedback: Feedback,
         seed: int = 0,
         keep: Sequence[str] = (),
+        success: str = "auto",
     ) -> None:
         if own := sorted({*keep} & {*OWN}):
             raise UserError(f"keep={list(keep)}: {own} are told by DelayedReward itself; leave them out")
-        RecordConstructorArgs.__init__(self, feedback=feedback, seed=seed, keep=keep)
+        RecordConstructorArgs.__init__(self, feedback=feedback, seed=seed, keep=keep, success=success)
         gymnasium.Wrapper.__init__(self, env)
         self._feedback, self._keep = copy.deepcopy(feedback), tuple(keep)
         self.label_window: int | None = feedback.window or (env.spec.max_episode_steps if env.spec else None)
         spaces = env.observation_space, env.action_space
         whole = feedback.window is None
         problem = Problem(*spaces, self.label_window or 1, (seed,), torch.device("cpu"), whole)
-        self._labeller = Labeller(self._feedback, problem, self.label_window)
-        self._fact: str | None = None  # the key of `info` that the feedback is shown
-        self._asked = False  # whether the environment was seen to tell it
+        self._labeller = Labeller(self._feedback, problem, success)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """A new episode, and a new window; one that was open has no label."""
@@ -76,22 +77,14 @@ class DelayedReward(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs
         """The environment's step; the reward is the label where a window ends, and 0 elsewhere.
 
         Raises:
-            RunError: a reward is not finite.
+            RunError: a reward is not one finite number. UserError: a success is read, and nothing ever told one.
         """
         observation, reward, terminated, truncated, told = self.env.step(action)
-        ended, label = self._labeller.step(float(reward), self._seen(reward, told), bool(terminated or truncated))
+        ended, label = self._labeller.step(reward, told, bool(terminated or truncated))
         info: dict[str, Any] = {**self._told(told), "window_end": ended, "censored": False}
         if ended:
             info |= {"censored": True} if label is None else {"label": label}
         return observation, label or 0.0, terminated, truncated, info
-
-    def _seen(self, reward: Any, told: dict[str, Any]) -> float:
-        """What the feedback is shown of a step: its reward, or a fact where the environment tells it."""
-        reads = self._feedback.reads
-        if reads is not None and not self._asked:
-            names = SUCCESS if reads == "success" else (reads,)
-            self._fact, self._asked = next((name for name in names if name in told), None), True
-        return float(reward) if self._fact is None else float(told.get(self._fact, 0.0))
 
     def _told(self, told: dict[str, Any]) -> dict[str, Any]:
         return {name: told[name] for name in self._keep if name in told}

@@ -39,7 +39,7 @@ class Labels(Feedback):
     Example:
         >>> class Median(Labels):
         ...     objective = "median"
-        ...     def rule(self, rewards, lengths):
+        ...     def rule(self, rewards):
         ...         return rewards.median(-1).values
     """
 
@@ -69,20 +69,41 @@ class Labels(Feedback):
 
     def __call__(self, rewards: Tensor) -> Tensor:
         """Y for every window of rewards [R, K, T], all of T steps."""
-        return self.label(rewards, torch.full(rewards.shape[:2], rewards.shape[2], device=rewards.device))
+        found = self._ruled(rewards.flatten(0, 1)).view(rewards.shape[:2])
+        return self._noisy(found, torch.ones_like(found, dtype=torch.bool))
 
     def label(self, rewards: Tensor, lengths: Tensor) -> Tensor:
-        """Y = rule + ε [R, K] of windows with rewards [R, K, T], 0 behind the end, and lengths [R, K], 0 for none."""
-        found = self.rule(rewards, lengths)
+        """Y = rule + ε [R, K] of windows with rewards [R, K, T] and lengths [R, K], 0 for none.
+
+        Windows of the same length are given to the rule together, each without what lies behind its end: so a label
+        depends on its own window alone, whatever the rule.
+        """
+        found = rewards.new_zeros(lengths.shape)
+        for length in lengths.unique().tolist():
+            if length:
+                same = lengths == length
+                found[same] = self._ruled(rewards[same][:, :length].contiguous())
+        return self._noisy(found, lengths > 0)
+
+    def _ruled(self, rewards: Tensor) -> Tensor:
+        found = self.rule(rewards)
+        if found.shape != rewards.shape[:1]:
+            raise UserError(
+                f"{type(self).__name__}.rule gave labels {list(found.shape)} for rewards {list(rewards.shape)}, and of "
+                f"windows side by side [n, T] it must give one label each, {list(rewards.shape[:1])}"
+            )
+        return found
+
+    def _noisy(self, labels: Tensor, real: Tensor) -> Tensor:
         if not self.noise:
-            return found
+            return labels
         if isinstance(self._noise, Queues):
-            return found + self.noise * self._noise.take(lengths > 0).squeeze(-1)
-        return found + self.noise * self._noise.several(rewards.shape[1])
+            return labels + self.noise * self._noise.take(real).squeeze(-1)
+        return labels + self.noise * self._noise.several(labels.shape[1])
 
     @abstractmethod
-    def rule(self, rewards: Tensor, lengths: Tensor) -> Tensor:
-        """What a label is without noise [R, K], of rewards [R, K, T], 0 behind the end, and lengths [R, K]."""
+    def rule(self, rewards: Tensor) -> Tensor:
+        """What labels are without noise [n], of n windows of the same length with rewards [n, T]."""
 
 
 class BlockSum(Labels):
@@ -106,7 +127,7 @@ class BlockSum(Labels):
     ) -> None:
         super().__init__(window, noise, missing, delay, delay_windows, cut)
 
-    def rule(self, rewards: Tensor, lengths: Tensor) -> Tensor:
+    def rule(self, rewards: Tensor) -> Tensor:
         """Y = Σ_t r_t."""
         return rewards.sum(-1)
 
@@ -121,7 +142,7 @@ class EpisodeSum(Labels):
 
     objective: ClassVar = "sum"
 
-    def rule(self, rewards: Tensor, lengths: Tensor) -> Tensor:
+    def rule(self, rewards: Tensor) -> Tensor:
         """Y = Σ_t r_t."""
         return rewards.sum(-1)
 
@@ -136,9 +157,9 @@ class Mean(Labels):
 
     objective: ClassVar = "sum"
 
-    def rule(self, rewards: Tensor, lengths: Tensor) -> Tensor:
+    def rule(self, rewards: Tensor) -> Tensor:
         """Y = Σ_t r_t / T, of as many steps as there were."""
-        return rewards.sum(-1) / lengths.clamp(min=1)
+        return rewards.mean(-1)
 
 
 class Terminal(Labels):
@@ -162,9 +183,9 @@ class Terminal(Labels):
     ) -> None:
         super().__init__(window, noise, missing, delay, delay_windows, cut)
 
-    def rule(self, rewards: Tensor, lengths: Tensor) -> Tensor:
+    def rule(self, rewards: Tensor) -> Tensor:
         """Y = r_{T−1}, of the last step that there was."""
-        return rewards.gather(2, (lengths.unsqueeze(-1) - 1).clamp(min=0)).squeeze(-1)
+        return rewards[:, -1]
 
 
 class Success(Labels):
@@ -192,6 +213,6 @@ class Success(Labels):
     ) -> None:
         super().__init__(window, 0.0, missing, delay, delay_windows, cut)
 
-    def rule(self, rewards: Tensor, lengths: Tensor) -> Tensor:
+    def rule(self, rewards: Tensor) -> Tensor:
         """Y = 1 if any reward of an episode is positive, else 0."""
         return (rewards > 0).any(-1).to(rewards.dtype)

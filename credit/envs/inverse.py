@@ -12,7 +12,7 @@ from gymnasium.spaces import Box, Dict, Space, Tuple
 from torch import Tensor
 
 from credit.core.errors import UserError
-from credit.envs.spaces import Digits
+from credit.envs.digits import Digits
 
 BOUND = 1e-5  # of a bound, by which what was recorded in single precision may go over it
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
 from math import prod
 from typing import Any, Literal
 
@@ -18,8 +17,10 @@ from torch import Tensor
 
 from credit.core.errors import UserError
 from credit.core.problem import Problem
+from credit.envs.digits import Digits
 
 LARGEST = 100_000  # values that a space may have and still be a number
+WIDEST = 10_000  # values that a part of an observation may have and still be seen one-hot: 40 kB of every step
 View = Literal["auto", "number", "vector"]
 
 
@@ -54,60 +55,6 @@ class Actions(ABC):
         """Numbers [...] or vectors [..., A] → actions [..., *shape] of the environment's space."""
 
 
-@dataclass(frozen=True)
-class Digits:
-    """The values of `Discrete`, `MultiDiscrete` and `MultiBinary` as one number, first digit first.
-
-    Attributes:
-        base: how many values each digit has [d]. start: the least value of each. shape: of a value; () for a number.
-    """
-
-    base: Tensor
-    start: Tensor
-    shape: tuple[int, ...]
-
-    @classmethod
-    def of(cls, space: Space[Any]) -> Digits | None:
-        """Those of a space, None where it is not finite."""
-        if isinstance(space, Discrete):
-            return cls(torch.tensor([int(space.n)]), torch.tensor([int(space.start)]), ())
-        if isinstance(space, MultiDiscrete):
-            base = torch.from_numpy(np.asarray(space.nvec, dtype=np.int64).reshape(-1))
-            start = torch.from_numpy(np.asarray(space.start, dtype=np.int64).reshape(-1))
-            return cls(base, start, tuple(space.nvec.shape))
-        if isinstance(space, MultiBinary):
-            base = torch.full((prod(space.shape),), 2)
-            return cls(base, torch.zeros_like(base), tuple(space.shape))
-        return None
-
-    @property
-    def count(self) -> int:
-        """How many values there are."""
-        return prod(self.base.tolist())
-
-    @property
-    def place(self) -> Tensor:
-        """What one of each digit is worth [d]."""
-        return torch.tensor([prod(self.base[i + 1 :].tolist()) for i in range(len(self.base))])
-
-    def flat(self, values: Any) -> Tensor:
-        """The digits [..., d] of values [..., *shape], each from 0 on."""
-        numbers = torch.as_tensor(values).long()
-        lead = numbers.dim() - len(self.shape)
-        return numbers.reshape(*numbers.shape[:lead], -1) - self.start.to(numbers.device)
-
-    def number(self, values: Any) -> Tensor:
-        """The number [...] of values [..., *shape]."""
-        digits = self.flat(values)
-        return (digits * self.place.to(digits.device)).sum(-1)
-
-    def values(self, numbers: Tensor) -> Tensor:
-        """The values [..., *shape] of numbers [...]."""
-        place, base, start = (part.to(numbers.device) for part in (self.place, self.base, self.start))
-        digits = numbers.unsqueeze(-1) // place % base + start
-        return digits.reshape(*numbers.shape, *self.shape)
-
-
 class Numbers(Observations):
     """A finite observation as a number, 0 … S − 1.
 
@@ -131,7 +78,7 @@ class Vectors(Observations):
     """Any observation as a vector, as `gymnasium.spaces.flatten` has it: numbers one-hot, boxes as they are.
 
     Raises:
-        UserError: the space has values of different sizes (Text, Sequence, Graph).
+        UserError: the space has values of different sizes (Text, Sequence, Graph), or too many to be seen one-hot.
     """
 
     def __init__(self, space: Space[Any]) -> None:
@@ -155,11 +102,11 @@ class Choices(Actions):
         assert digits is not None, f"{space} is not finite"
         if digits.count > LARGEST:
             raise UserError(f"action space {space} has {digits.count} values, at most {LARGEST} are counted")
-        self._digits, self.space = digits, Discrete(digits.count)
+        self._digits, self._kind, self.space = digits, _kind(space), Discrete(digits.count)
 
     def __call__(self, actions: Tensor) -> Tensor:
-        """Actions [..., *shape] int64 of numbers [...]."""
-        return self._digits.values(actions)
+        """Actions [..., *shape] of numbers [...], of the space's type."""
+        return self._digits.values(actions).to(self._kind)
 
 
 class Scaled(Actions):
@@ -176,7 +123,7 @@ class Scaled(Actions):
                 "the environment so that it has (gymnasium.wrappers.RescaleAction, ClipAction or TransformAction)"
             )
         self._low, self._high = (torch.from_numpy(np.asarray(part, np.float64)) for part in (space.low, space.high))
-        self._whole, self._kind = np.issubdtype(space.dtype, np.integer), torch.from_numpy(space.low[..., None]).dtype
+        self._whole, self._kind = np.issubdtype(space.dtype, np.integer), _kind(space)
         self.space = Box(-1.0, 1.0, (prod(space.shape),))
 
     def __call__(self, actions: Tensor) -> Tensor:
@@ -184,7 +131,7 @@ class Scaled(Actions):
         low, high = self._low.to(actions.device), self._high.to(actions.device)
         share = (actions.clamp(-1, 1).to(low.dtype).reshape(*actions.shape[:-1], *low.shape) + 1) / 2
         value = torch.lerp(low.expand_as(share), high.expand_as(share), share)
-        return value.round().long() if self._whole else value.to(self._kind)
+        return (value.round() if self._whole else value).to(self._kind)
 
 
 def observations(space: Space[Any], as_: View = "auto") -> Observations:
@@ -234,6 +181,31 @@ def problem(
     return Problem(seen.space, done.space, window, tuple(seeds), torch.device(device), episodic, horizon)
 
 
+def outside(space: Space[Any], values: Any) -> np.ndarray | None:
+    """Which of n values [n, *shape] are none that a finite space has [n], by any part; None where no part is finite.
+
+    Boxes are not held to their bounds, which many environments do not keep.
+
+    Example:
+        >>> outside(Discrete(5), np.array([4, 5, -1]))
+        array([False,  True,  True])
+    """
+    if isinstance(space, (Dict, Tuple)):
+        found = [part for inner in _parts(space, values) if (part := outside(*inner)) is not None]
+        return np.logical_or.reduce(found) if found else None
+    if not isinstance(space, (Discrete, MultiDiscrete, MultiBinary)):
+        return None
+    least: Any = 0 if isinstance(space, MultiBinary) else space.start
+    count: Any = 2 if isinstance(space, MultiBinary) else space.n if isinstance(space, Discrete) else space.nvec
+    wrong: np.ndarray = (values < least) | (values - least >= count)
+    return np.asarray(wrong.reshape(len(wrong), -1).any(1))
+
+
+def _kind(space: Space[Any]) -> torch.dtype:
+    """The type of a space's numbers."""
+    return torch.from_numpy(np.zeros(1, space.dtype)).dtype
+
+
 def _parts(space: Space[Any], values: Any) -> list[tuple[Space[Any], Any]]:
     if isinstance(space, Dict):
         assert isinstance(values, Mapping)
@@ -249,7 +221,14 @@ def _width(space: Space[Any]) -> int:
     if isinstance(space, (Discrete, MultiDiscrete)):
         digits = Digits.of(space)
         assert digits is not None
-        return int(digits.base.sum())
+        if (width := int(digits.base.sum())) > WIDEST:
+            number = "see it as a number (env.view=number), or " if digits.count <= LARGEST else ""
+            raise UserError(
+                f"observation space {space} would be seen one-hot, as {width} numbers in every step, and at most "
+                f"{WIDEST} are; {number}wrap the environment so that it has a smaller one, such as coordinates in a "
+                "Box (gymnasium.wrappers.TransformObservation)"
+            )
+        return width
     if isinstance(space, (Box, MultiBinary)):
         return prod(space.shape)
     raise UserError(

@@ -21,7 +21,7 @@ from credit.config.fitting import key_of
 from credit.core import contracts
 from credit.core.capabilities import parts_of
 from credit.core.component import Component
-from credit.core.errors import Misfit, RunError, UserError
+from credit.core.errors import RAISED, Misfit, RunError, UserError
 from credit.core.policy import Policy
 from credit.core.state import same
 from credit.rounds import problem_of
@@ -60,7 +60,7 @@ def problems(config: Mapping[str, Any], trainer: Trainer) -> list[str]:
         return []  # the start of the whole run says so, too, and with what would fit
     except (UserError, RunError) as error:
         return [str(error)]
-    except Exception as error:  # whatever somebody's part may raise
+    except RAISED as error:  # whatever somebody's part may raise
         return [_blamed(error, first)]
     if not found:
         _right.add(classes)
@@ -143,7 +143,7 @@ def _through_a_file(state: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def _blamed(error: Exception, trainer: Trainer) -> str:
+def _blamed(error: BaseException, trainer: Trainer) -> str:
     """What a part raised, and which: the innermost of somebody's own that was at work."""
     paths = {type(part).__name__: key_of(path) for path, part in _parts(trainer) if _foreign(part)}
     what = f"{type(error).__name__}: {error}"

@@ -11,7 +11,7 @@ from typing import Any
 import torch
 
 from credit.config import schema
-from credit.core.errors import UserError
+from credit.core.errors import RAISED, UserError
 from credit.runs import checkpoint, folders, kept, policies, signals, starting
 from credit.runs import job as jobs
 from credit.runs.artifacts import Recorder, write_arrays
@@ -93,7 +93,7 @@ class Work:
             if "agent" in self.job.keep:
                 kept.write_agent(trainer, self.found.of(self.group.wanted[0]))
             status = "FINISHED"
-        except Exception as failure:  # a component may raise anything; the job says so, and a sweep goes on
+        except RAISED as failure:  # a component may raise anything; the job says so, and a sweep goes on
             status, error = "FAILED", f"{type(failure).__name__}: {failure}"
             with suppress(OSError), (self.session.folder / f"job-{self.number}.log").open("a", encoding="utf-8") as log:
                 log.write(f"{self.job.method}, seeds {self.group.seeds[0]}–{self.group.seeds[-1]}\n")

@@ -7,7 +7,7 @@ import torch
 from credit.agents.random import Random
 from credit.config import schema
 from credit.core import contracts
-from credit.core.problem import Problem
+from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Environment, Feedback
 from credit.core.windows import Windows
 from credit.envs.collect import Collector
@@ -15,7 +15,7 @@ from credit.judges.choose import judge
 from credit.rounds import problem_of
 from credit.runs.intervals import is_rate
 from credit.testing.cases import Case
-from credit.testing.expect import expect, finite, shaped
+from credit.testing.expect import close, expect, finite, shaped
 from credit.testing.short import SEEDS
 
 
@@ -90,7 +90,7 @@ def whole(windows: Windows, primitive: torch.Tensor, problem: Problem) -> None:
 
 
 def feedback(case: Case) -> None:
-    """Labels are finite, of the kind that they are said to be, and the same for the same seeds."""
+    """Labels are finite, of the kind that they are said to be, of their own window, and the same for the same seeds."""
     labels = []
     for _ in range(2):
         env, part, problem = started(case)
@@ -104,6 +104,23 @@ def feedback(case: Case) -> None:
         expect(part.kind != "bits" or bits, "kind says bits, and a label is neither 0 nor 1")
         labels.append(windows.labels)
     expect(torch.equal(*labels), "the same seeds gave other labels: draw noise from a Stream, made in `start`")
+    of_its_window(case)
+
+
+def of_its_window(case: Case) -> None:
+    """A label does not depend on how far windows reach that lie beside its own."""
+    found = list[torch.Tensor]()
+    for behind in (0, 1):
+        _, part, problem = started(case)
+        most = max(problem.window - 1, 1)
+        lengths = torch.tensor([[most, (most + 1) // 2, 1]] * problem.replicas)
+        rewards = 1 + torch.rand(*lengths.shape, most, dtype=FLOAT, generator=torch.Generator().manual_seed(0))
+        rewards *= torch.arange(most) < lengths.unsqueeze(-1)
+        if part.whole or most == problem.window:
+            return
+        found.append(part.label(torch.nn.functional.pad(rewards, (0, behind)), lengths))
+    what = "zeros behind the end of a window change its label: give `rule` (`Labels`), or heed the lengths in `label`"
+    close(found[0], found[1], what)
 
 
 def started(case: Case) -> tuple[Environment, Feedback, Problem]:

@@ -12,6 +12,7 @@ import pytest
 import torch
 
 from credit.agents.dqn import DQN, clip_each, targets
+from credit.agents.moments import Moments
 from credit.core.errors import UserError
 from credit.core.policy import TablePolicy, tabulate
 from credit.core.problem import FLOAT, Problem
@@ -28,6 +29,12 @@ Make = Callable[..., Problem]
 MakeWindows = Callable[..., Windows]
 STATES, ACTIONS, WINDOW = 6, 3, 4
 SMALL: dict[str, Any] = {"hidden": (7, 5), "batch": 9, "learning_rate": 0.01}
+
+
+def test_a_table_of_all_that_may_be_seen_is_not_made_where_it_is_too_large() -> None:
+    problem = Problem.finite(20_000, 2, 20, (0,), torch.device("cpu"), episodic=True)
+    with pytest.raises(UserError, match=r"20000 states at 20 steps one-hot .* 8\.0e\+09 numbers.*agent\.timed=false"):
+        Moments(problem, None)
 
 
 class OneHot(FeatureMap):

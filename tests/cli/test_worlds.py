@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import sys
 
+import gymnasium
 import pytest
 
 SHORT = ("replicas=2", "tracking=none", "env.evaluation_episodes=1", "trainer.log_every=1")
@@ -77,6 +78,26 @@ def test_an_id_of_a_package_in_wrappers_by_name(credit, folder, monkeypatch):
     row = journal(folder)[-1]
     assert float(row["eval/return"]) == 4 * 2 * 5
     assert (folder / "outputs/fives_of_mine-Five-v0/random").is_dir()
+
+
+EXITS = PACKAGE.replace("return 1, 5.0", "raise SystemExit(3)\n        return 1, 5.0").replace("Five-v0", "Exits-v0")
+
+
+@pytest.mark.parametrize("workers", [0, pytest.param(1, marks=pytest.mark.slow)])
+def test_an_environment_that_ends_python_ends_a_run(credit, folder, monkeypatch, workers):
+    """The run has failed, and says why."""
+    (folder / "exits_of_mine.py").write_text(EXITS)
+    monkeypatch.syspath_prepend(folder)
+    words = ("env=gymnasium", "env.id=exits_of_mine:Exits-v0", "method=random", *SHORT, *ROUNDS)
+    try:
+        ended = credit("train", *words, f"env.workers={workers}")
+    finally:
+        sys.modules.pop("exits_of_mine", None)
+        gymnasium.registry.pop("Exits-v0", None)
+    assert ended.code == 1
+    assert "raised in step, seed 0, copy 0 for environment, episode 1, step 0: SystemExit: 3" in ended.err + ended.out
+    (run,) = folder.rglob("seed-0/summary.json")
+    assert "FAILED" in run.read_text()
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ from credit.core.seams import Feedback
 from credit.core.streams import reset_seed
 from credit.envs import DelayedReward
 from credit.envs.collect import Collector
-from credit.envs.feedback import BlockSum, Success, Terminal
+from credit.envs.feedback import BlockSum, Labels, Success, Terminal
 from credit.envs.gymnasium.environment import Gymnasium
 
 
@@ -202,6 +202,14 @@ def test_a_reward_that_is_no_number_is_refused() -> None:
         env.step(0)
 
 
+@pytest.mark.parametrize("reward", ["abc", np.ones(2), [None]])
+def test_a_reward_that_is_not_one_number_is_refused(reward: Any) -> None:
+    with pytest.raises(RunError, match=r"reward .* in step 0 of a window: a label needs finite numbers, one for each"):
+        told(DelayedReward(Rising(reward=reward), BlockSum(3)), 1)
+    one = DelayedReward(Rising(reward=np.array([2.0])), BlockSum(3, 0.0))  # type: ignore[arg-type]
+    assert [reward for reward, _ in told(one, 3)] == [0.0, 0.0, 6.0]
+
+
 @pytest.mark.thorough
 def test_it_is_imported_when_it_is_asked_for() -> None:
     code = "import sys, credit, credit.envs; assert not {'torch', 'gymnasium'} & {*sys.modules}; "
@@ -228,6 +236,64 @@ def test_what_is_missing_has_no_label_and_lengths_are_drawn() -> None:
     gaps = {b - a for a, b in pairwise(ends)}
     assert gaps == {1, 2, 3}  # 1 at an episode's end
     assert 0.3 < sum(info["censored"] for info in found) / len(ends) < 0.7
+
+
+class Median(Labels):
+    objective: ClassVar = "median"
+
+    def rule(self, rewards: Tensor) -> Tensor:
+        return rewards.median(-1).values
+
+
+def test_a_window_that_is_cut_short_has_a_rule_of_its_own_steps() -> None:
+    found = [info["label"] for _, info in told(DelayedReward(Rising(20, 1.0), Median(15)), 20) if info["window_end"]]
+    assert found == [1.0, 1.0]
+
+
+class Late(Rising):
+    """Tells in its last step alone that it was a success, under some key; its rewards say something else."""
+
+    def __init__(self, key: str, reward: float = 0.0) -> None:
+        super().__init__(reward=reward)
+        self.key = key
+
+    def step(self, action: Any) -> Any:
+        seen, reward, over, cut, _ = super().step(action)
+        return seen, reward, over, cut, {self.key: np.array([True])} if over else {"speed": 1.0}
+
+
+@pytest.mark.parametrize(("key", "success"), [("is_success", "auto"), ("success", "auto"), ("won", "won")])
+def test_a_success_may_be_told_by_the_last_step_alone(key: str, success: str) -> None:
+    env = DelayedReward(Late(key), Success(window=None), success=success)
+    assert [reward for reward, _ in told(env, 14)] == [*[0.0] * 6, 1.0] * 2
+    assert env.spec is None or env.spec.kwargs["success"] == success
+    inside = DelayedReward(Late("won"), Success(window=3), success="won")
+    assert [reward for reward, _ in told(inside, 7)] == [*[0.0] * 6, 1.0]
+
+
+@pytest.mark.parametrize(("reward", "label"), [(0.5, 1.0), (0.0, 0.0), (-1.0, 0.0)])
+def test_a_positive_reward_is_a_success_where_that_is_said(reward: float, label: float) -> None:
+    env = DelayedReward(Late("is_success", reward), Success(window=None), success="reward")
+    assert told(env, 7)[-1][0] == label
+
+
+@pytest.mark.parametrize("reward", [0.0, 1.0])
+@pytest.mark.parametrize(
+    ("success", "said"),
+    [
+        ("auto", r"no step told success or is_success \(the last step told won\); success=KEY names another"),
+        ("wonn", r"no step told wonn \(the last step told won\); success=KEY names another, and success='reward'"),
+    ],
+)
+def test_a_success_that_nobody_tells_is_never_guessed(success: str, said: str, reward: float) -> None:
+    env = DelayedReward(Late("won", reward), Success(window=None), success=success)
+    with pytest.raises(UserError, match=said):
+        told(env, 7)
+
+
+def test_a_key_that_no_feedback_reads_is_refused() -> None:
+    with pytest.raises(UserError, match="success='won': BlockSum does not read whether a step is one"):
+        DelayedReward(Rising(), BlockSum(3), success="won")
 
 
 def test_labels_that_come_late_are_refused() -> None:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import ClassVar
 
+import pytest
 import torch
 
+from credit.core.errors import UserError
 from credit.core.problem import Problem
 from credit.core.seams import Feedback
-from credit.envs.feedback import BlockSum, Success, Terminal
+from credit.envs.feedback import BlockSum, Labels, Mean, Success, Terminal
 
 
 def labels(problem: Problem, feedback: Feedback, rewards: torch.Tensor) -> torch.Tensor:
@@ -56,6 +59,43 @@ def test_a_terminal_label_has_no_noise_and_no_memory(make_problem: Callable[...,
     earlier = rewards.clone()
     earlier[..., :4] = torch.nan
     assert torch.equal(feedback(earlier), first)
+
+
+class Median(Labels):
+    """As the page of `Labels` has it."""
+
+    objective: ClassVar = "median"
+
+    def rule(self, rewards: torch.Tensor) -> torch.Tensor:
+        return rewards.median(-1).values
+
+
+@pytest.mark.parametrize("kind", [Median, Mean, Terminal, BlockSum, Success])
+def test_a_label_is_of_its_window_alone(make_problem: Callable[..., Problem], kind: type[Labels]) -> None:
+    """However far others reach that lie beside it: what is behind a window's end is shown to no rule."""
+    feedback = kind(window=15)
+    feedback.noise = 0.0
+    feedback.start(make_problem((0, 1)))
+    lengths = torch.tensor([[15, 5, 0], [1, 5, 4]])
+    rewards = 1 + torch.rand(2, 3, 15, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    rewards *= torch.arange(15) < lengths.unsqueeze(-1)
+    found = feedback.label(rewards, lengths)
+    for place in ((0, 0), (0, 1), (1, 0), (1, 1), (1, 2)):
+        alone = feedback(rewards[place][: lengths[place]].view(1, 1, -1))
+        assert float(found[place]) == pytest.approx(float(alone), rel=1e-14)
+        assert float(alone) >= 1
+    assert found[0, 2] == 0
+
+
+def test_a_rule_with_another_shape_is_told_so(make_problem: Callable[..., Problem]) -> None:
+    class Kept(Median):
+        def rule(self, rewards: torch.Tensor) -> torch.Tensor:
+            return rewards.amax(-1, keepdim=True)
+
+    with pytest.raises(
+        UserError, match=r"Kept\.rule gave labels \[4, 1\] for rewards \[4, 7\].* one label each, \[4\]"
+    ):
+        labels(make_problem((0, 1)), Kept(7), torch.ones(2, 2, 7))
 
 
 def test_success_is_one_bit(make_problem: Callable[..., Problem]) -> None:

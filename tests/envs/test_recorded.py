@@ -260,6 +260,19 @@ def test_a_minari_dataset_is_encoded_as_the_environment_is(tmp_path: Path, monke
         gymnasium.registry.pop("Parts-v0")
 
 
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+@pytest.mark.parametrize("left_out", ["none", "episode"])
+def test_a_log_without_a_row_is_said(tmp_path: Path, suffix: str, left_out: str) -> None:
+    empty = pd.DataFrame({name: column for name, column in walk().items() if name != left_out}).iloc[:0]
+    file = (tmp_path / "log").with_suffix(suffix)
+    empty.to_csv(file, index=False) if suffix == ".csv" else empty.to_parquet(file)
+    with pytest.raises(UserError, match=rf"log\{suffix}: there are no steps in it"):
+        read(file, *lake(EpisodeSum()))
+    file.write_text("")
+    with pytest.raises(UserError, match=rf"log\{suffix}"):
+        read(file, *lake(EpisodeSum()))
+
+
 def test_what_is_nowhere_is_said(tmp_path: Path) -> None:
     env, problem = lake(EpisodeSum())
     (tmp_path / "log.txt").touch()

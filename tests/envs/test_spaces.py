@@ -22,9 +22,10 @@ from gymnasium.spaces import (
     flatten,
     flatten_space,
 )
+from gymnasium.vector.utils import concatenate, create_empty_array
 
 from credit.core.errors import UserError
-from credit.envs.spaces import LARGEST, Choices, Numbers, Scaled, Vectors, actions, observations, problem
+from credit.envs.spaces import LARGEST, Choices, Numbers, Scaled, Vectors, actions, observations, outside, problem
 
 R, K = 2, 5
 FINITE = [
@@ -54,6 +55,16 @@ def stacked(space: Space[Any], samples: list[Any]) -> Any:
         return tuple(stacked(inner, [one[i] for one in samples]) for i, inner in enumerate(space.spaces))
     values = np.stack([np.asarray(one) for one in samples])
     return values.reshape(R, K, *values.shape[1:])
+
+
+def test_actions_are_of_the_type_that_the_space_has() -> None:
+    """As `contains` asks for: whole numbers of 32 bits where the box has those."""
+    for space in (Box(-3, 9, (2,), np.int32), Box(0, 255, (2,), np.uint8), Box(-1, 1, (2,)), MultiBinary(2)):
+        done = actions(space)
+        some = torch.tensor([[-1.0, 0.3], [1.0, 0.999]]) if isinstance(space, Box) else torch.tensor([0, 3])
+        found = done(some).numpy()
+        assert found.dtype == space.dtype
+        assert all(space.contains(one) for one in found)
 
 
 def drawn(space: Space[Any]) -> list[Any]:
@@ -120,7 +131,7 @@ def test_an_action_lies_in_its_space(kind: type) -> None:
 
 def test_whole_numbers_stay_whole() -> None:
     found = Scaled(Box(0, 10, (1,), dtype=np.int32))(torch.tensor([[[-1.0], [0.13], [1.0]]]))
-    assert found.dtype == torch.int64
+    assert found.dtype == torch.int32
     assert found.flatten().tolist() == [0, 6, 10]
 
 
@@ -163,3 +174,25 @@ def test_a_problem_has_the_encoded_spaces() -> None:
     found = problem(observations(MultiDiscrete([3, 4])), actions(Box(0, 5, (2,))), 9, (1, 2))
     assert (found.states, found.actions, found.window, found.seeds) == (12, 2, 9, (1, 2))
     assert (found.finite_states, found.finite_actions, found.episodic) == (True, False, True)
+
+
+def blocked(space: Space[Any]) -> Any:
+    return concatenate(space, drawn(space), create_empty_array(space, R * K))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("space", SPACES, ids=str)
+def test_no_sample_lies_outside(space: Space[Any]) -> None:
+    found = outside(space, blocked(space))
+    assert (found is None) == isinstance(space, Box)
+    assert found is None or found.tolist() == [False] * R * K
+
+
+@pytest.mark.parametrize("wrong", [100, -100])
+@pytest.mark.parametrize("space", FINITE, ids=str)
+def test_what_lies_outside_is_found(space: Space[Any], wrong: int) -> None:
+    values = blocked(space)
+    values[3] = wrong
+    assert not space.contains(values[3])
+    for found in (outside(space, values), outside(Dict(a=Box(0, 1, ()), b=space), {"a": values, "b": values})):
+        assert found is not None
+        assert found.tolist() == [n == 3 for n in range(R * K)]

@@ -14,7 +14,7 @@ from credit.core.component import Component
 from credit.core.errors import UserError
 from credit.core.policy import Policy
 from credit.core.problem import Problem
-from credit.core.seams import Environment, FeatureMap, Mixer, Transitions
+from credit.core.seams import Environment, FeatureMap, Feedback, Mixer, Transitions
 from credit.envs.advertiser.environment import Advertiser
 from credit.envs.feedback import BlockSum
 from credit.envs.gymnasium.environment import Gymnasium
@@ -79,6 +79,18 @@ class Verdict(BlockSum):
     kind: ClassVar = "bits"
 
 
+class Least(Feedback):
+    """The smallest reward, of zeros too that are none."""
+
+    window, objective = 7, "sum"
+
+    def start(self, problem: Problem) -> None:
+        """There is no noise."""
+
+    def __call__(self, rewards: Tensor) -> Tensor:
+        return rewards.abs().amin(-1)
+
+
 class Remembers(Counts):
     """Counts windows twice that come alone."""
 
@@ -132,6 +144,7 @@ class Half(FeatureMap):
 DEFAULT = [
     (OfOneSize, ["OfOneSize in experiment=advertiser", "M = 1 with huge proxies", "sum to one"]),
     (Forgets, ["Forgets in experiment=advertiser", "kept and made anew, does something else", "name in `acts`"]),
+    (Least, ["Least", "zeros behind the end of a window change its label"]),
     (Upside, ["Upside", "two steps changed their order"]),
 ]
 SLOW = [

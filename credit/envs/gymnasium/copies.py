@@ -7,11 +7,12 @@ vector resets a finished copy within `step` and returns that as if it were one.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import gymnasium
 
-from credit.core.errors import RunError, UserError
+from credit.core.errors import RAISED, RunError, UserError
+from credit.envs.facts import number
 
 Make = Callable[[], "gymnasium.Env[Any, Any]"]
 
@@ -55,11 +56,11 @@ class Here:
 
     def reset(self, which: Sequence[int], seeds: Sequence[int]) -> list[Any]:
         """The first observations of new episodes."""
-        return [told(self._envs[n].reset, n, seed=seed)[0] for n, seed in zip(which, seeds, strict=True)]
+        return [first(n, told(self._envs[n].reset, n, seed=seed)) for n, seed in zip(which, seeds, strict=True)]
 
     def step(self, which: Sequence[int], actions: Sequence[Any]) -> list[Out]:
         """One step each."""
-        return [Out(*told(self._envs[n].step, n, action)) for n, action in zip(which, actions, strict=True)]
+        return [out(n, told(self._envs[n].step, n, action)) for n, action in zip(which, actions, strict=True)]
 
     def frame(self) -> Any:
         """A picture of the first.
@@ -82,8 +83,51 @@ def told(method: Callable[..., Any], copy: int, *args: Any, **kwargs: Any) -> An
     """What an environment says; what it raises names the copy, since whoever hears of it may be another process."""
     try:
         return method(*args, **kwargs)
-    except Exception as error:
+    except RAISED as error:
         raise Raised(copy, method.__name__, f"{type(error).__name__}: {error}") from error
+
+
+def first(copy: int, answer: Any) -> Any:
+    """The observation of what `reset` gave.
+
+    Raises:
+        Broke: that is no observation with its info.
+    """
+    seen, info = _parts(copy, "reset", answer, ("observation", "info"))
+    _require_info(copy, "reset", info)
+    return seen
+
+
+def out(copy: int, answer: Any) -> Out:
+    """What `step` gave.
+
+    Raises:
+        Broke: that is not what Gymnasium's `step` gives.
+    """
+    seen, reward, terminated, truncated, info = _parts(copy, "step", answer, Out._fields)
+    _require_info(copy, "step", info)
+    over, cut = _number(copy, "terminated", terminated), _number(copy, "truncated", truncated)
+    return Out(seen, _number(copy, "the reward", reward), bool(over), bool(cut), info)
+
+
+def _parts(copy: int, method: str, answer: Any, names: tuple[str, ...]) -> tuple[Any, ...]:
+    if not isinstance(answer, tuple) or len(answer) != len(names):
+        given = f"a tuple of {len(answer)}" if isinstance(answer, tuple) else f"{answer!r}"
+        what = f"gave {given}, and since Gymnasium 0.26 it is a tuple of {len(names)}: ({', '.join(names)})"
+        raise Broke(copy, method, what)
+    return answer
+
+
+def _number(copy: int, what: str, value: Any) -> float:
+    try:
+        return number(value)
+    except ValueError:
+        raise Broke(copy, "step", f"{what} {value!r} is not one number") from None
+
+
+def _require_info(copy: int, method: str, info: Any) -> None:
+    if not isinstance(info, dict):
+        raise Broke(copy, method, f"gave {info!r} where info is a dictionary")
 
 
 class Raised(RunError):
@@ -93,9 +137,17 @@ class Raised(RunError):
         copy: its number. method: reset or step. what: type and text.
     """
 
+    did: ClassVar = "raised in"
+
     def __init__(self, copy: int, method: str, what: str) -> None:
         super().__init__(copy, method, what)
         self.copy, self.method, self.what = copy, method, what
 
     def __str__(self) -> str:
-        return f"copy {self.copy} raised in {self.method}: {self.what}"
+        return f"copy {self.copy} {self.did} {self.method}: {self.what}"
+
+
+class Broke(Raised):
+    """An environment gave something else than Gymnasium's do."""
+
+    did: ClassVar = "broke the rules of"

@@ -19,10 +19,8 @@ from credit.core.errors import UserError
 from credit.core.problem import Problem
 from credit.core.seams import Environment
 from credit.envs import inverse, spaces
-from credit.envs.gymnasium.copies import Make
-
-SUCCESS = ("success", "is_success")  # keys of `info` under which environments report one
-REWARD = "reward"  # says that a positive reward is one
+from credit.envs.facts import REWARD, SUCCESS, looked_for
+from credit.envs.gymnasium.copies import Make, Raised, first, out, told
 
 
 class Described(Environment):
@@ -183,14 +181,15 @@ class Described(Environment):
     @cached_property
     def _reports(self) -> str | None:
         """The key of `info` under which success is reported, None where it is not."""
-        if self.success not in ("auto", REWARD):
-            return self.success
-        if self.success == REWARD:
-            return None
+        if self.success != "auto":
+            return next(iter(looked_for(self.success)), None)
         env = self._one
-        env.reset(seed=0)
-        env.action_space.seed(0)
-        info = env.step(env.action_space.sample())[4]
+        try:
+            first(0, told(env.reset, 0, seed=0))
+            env.action_space.seed(0)
+            info = out(0, told(env.step, 0, env.action_space.sample())).info
+        except Raised as error:
+            raise UserError(f"{self.called} {error.did} {error.method}, of a first try: {error.what}") from error
         return next((key for key in SUCCESS if key in info), None)
 
     def remark(self) -> str:

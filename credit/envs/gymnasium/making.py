@@ -10,7 +10,7 @@ from typing import Any
 
 import gymnasium
 
-from credit.core.errors import UserError, nearest
+from credit.core.errors import RAISED, UserError, nearest
 
 PACKAGES = {  # how an id begins → the package that registers it, which may not say so by itself
     "Adroit": "gymnasium_robotics",
@@ -41,7 +41,7 @@ def make(id: str, kwargs: Mapping[str, Any], max_steps: int | None, wrappers: Se
         raise UserError(f"env.id={id!r}: {_first(error)}; {_near(id)}") from None
     except (gymnasium.error.DependencyNotInstalled, ModuleNotFoundError) as error:
         raise UserError(f"env.id={id!r} needs a package that is not installed: {_first(error)}") from None
-    except Exception as error:  # whatever somebody's constructor may raise
+    except RAISED as error:  # whatever somebody's constructor may raise
         if id.startswith(TOO_OLD) and int(version("mujoco").partition(".")[0]) > 3:
             raise UserError(
                 f"env.id={id!r} cannot be made: gymnasium-robotics {version('gymnasium-robotics')} does not know "

@@ -10,7 +10,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from credit.core.errors import UserError, nearest
+from credit.core.errors import RAISED, UserError, nearest
 from credit.envs.gymnasium.copies import Here, Out, told
 
 LARGEST = 2**31 - 1  # that a seed or a number of steps may be there
@@ -47,7 +47,7 @@ class Pooled(gymnasium.Env[Any, Any]):
         self._make = partial(envpool.make, id, env_type="gymnasium", num_envs=1, num_threads=1, **limit, **kwargs)
         try:
             self._pool = self._seeded(0)
-        except Exception as error:
+        except RAISED as error:
             given = f", made with {dict(kwargs)}" if kwargs else ""
             raise UserError(f"env.id={id!r}{given} cannot be made: {type(error).__name__}: {error}") from error
         self.max_steps = int(self._pool.spec.config.max_episode_steps)

@@ -5,20 +5,23 @@ from __future__ import annotations
 import inspect
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, NoReturn
 
 import numpy as np
 import torch
+from gymnasium.spaces import Space
 from gymnasium.vector.utils import concatenate, create_empty_array
 from torch import Tensor
 
-from credit.core.errors import RunError
+from credit.core.errors import RunError, nearest
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import Transitions
 from credit.core.state import pack, same, unpack
 from credit.core.streams import reset_seed
-from credit.envs.gymnasium.copies import Copies, Here, Raised
-from credit.envs.gymnasium.described import REWARD, Described
+from credit.envs import spaces
+from credit.envs.facts import REWARD
+from credit.envs.gymnasium.copies import Copies, Here, Out, Raised
+from credit.envs.gymnasium.described import Described
 from credit.envs.gymnasium.workers import Elsewhere
 
 
@@ -41,6 +44,7 @@ class Singles(Described):
         self._episodes = np.zeros(self._count, dtype=np.int64)  # begun by each copy
         self._open: list[list[Any] | None] = [None] * self._count  # actions of its episode, while that goes on
         self._latest: list[Any] = [None] * self._count
+        self._heard = False  # whether any copy ever told a success, or that it is none
         if (held := vars(self).pop("_copies", None)) is not None:
             held.close()
 
@@ -51,9 +55,10 @@ class Singles(Described):
 
     def _begin(self, which: Sequence[int]) -> None:
         seeds = [self._seed(n, self._episodes[n]) for n in which]
+        for n in which:
+            self._episodes[n], self._open[n] = self._episodes[n] + 1, None
         for n, first in zip(which, self._asked("reset", which, seeds), strict=True):
             self._latest[n], self._open[n] = first, []
-            self._episodes[n] += 1
 
     def step(self, actions: Tensor, mask: Tensor | None = None) -> Transitions:
         """One step of the copies of the mask [R, K]."""
@@ -62,11 +67,13 @@ class Singles(Described):
         chosen = [self._action(taken[n]) for n in which]
         rewards, success = torch.zeros(self._count, dtype=FLOAT), torch.zeros(self._count, dtype=torch.bool)
         terminated, truncated = success.clone(), success.clone()
-        for n, action, out in zip(which, chosen, self._asked("step", which, chosen), strict=True):
+        outs = self._asked("step", which, chosen)
+        if (key := self._reports) is not None:
+            self._require_told(key, which, outs)
+        for n, action, out in zip(which, chosen, outs, strict=True):
             self._latest[n] = out.observation
-            rewards[n], terminated[n], truncated[n] = float(out.reward), bool(out.terminated), bool(out.truncated)
-            if self._reports is not None:
-                success[n] = bool(out.info.get(self._reports, False))
+            rewards[n], terminated[n], truncated[n] = out.reward, out.terminated, out.truncated
+            success[n] = key is not None and bool(out.info.get(key, False))
             if out.terminated or out.truncated:
                 if self.endless:
                     raise RunError(
@@ -83,6 +90,22 @@ class Singles(Described):
         ended = self._all(terminated), self._all(truncated & ~terminated)
         return Transitions(self._states(), self._all(rewards), *ended, facts)
 
+    def _require_told(self, key: str, which: Sequence[int], outs: Sequence[Out]) -> None:
+        """A misspelt key would make every step a failure.
+
+        Raises:
+            RunError: an episode is over, and no step of any copy had it.
+        """
+        self._heard = self._heard or any(key in out.info for out in outs)
+        for n, out in zip(which, outs, strict=True):
+            last = len(self._open[n] or ()) + 1 == self.endless
+            if not self._heard and (out.terminated or out.truncated or last):
+                raise RunError(
+                    f"{self.called}: up to the end of an episode no step had the key {key!r} in its info, "
+                    f"{self._named(n)}; {nearest(key, map(str, out.info))}; env.success=KEY names another, and "
+                    "env.success=reward says that a positive reward is a success"
+                )
+
     def _action(self, value: np.ndarray) -> Any:
         """As the environment's space has it."""
         return int(value) if value.ndim == 0 else value
@@ -92,7 +115,7 @@ class Singles(Described):
             return getattr(self._copies, method)(which, arguments)
         except Raised as error:
             where = self._named(error.copy)
-            raise RunError(f"{self.called} raised in {method}, {where}: {error.what}") from error
+            raise RunError(f"{self.called} {error.did} {method}, {where}: {error.what}") from error
 
     def _named(self, copy: int) -> str:
         """Whose a copy is, and where it is."""
@@ -116,9 +139,34 @@ class Singles(Described):
         """What all copies see [R, K, ...]."""
         space = self._one.observation_space
         block: Any = create_empty_array(space, self._count)  # anew: what was seen before stays what it was
-        states = self._encoders[0](concatenate(space, self._latest, block))
+        try:
+            block = concatenate(space, self._latest, block)
+        except Exception:  # whatever NumPy says of other shapes and types
+            self._require_fits(space)
+            raise
+        if (wrong := spaces.outside(space, block)) is not None and wrong.any():
+            self._misfit(int(wrong.argmax()), space)
+        states = self._encoders[0](block)
         self._require_finite("observation", states)
         return self._all(states)
+
+    def _require_fits(self, space: Space[Any]) -> None:
+        for n, seen in enumerate(self._latest):
+            try:
+                one: Any = create_empty_array(space, 1)
+                concatenate(space, [seen], one)
+            except Exception:  # see above
+                self._misfit(n, space)
+
+    def _misfit(self, copy: int, space: Space[Any]) -> NoReturn:
+        seen = self._latest[copy]
+        given = f"{seen!r}"
+        if isinstance(seen, np.ndarray):
+            given = f"{seen.tolist() if seen.size <= 8 else 'an array'}, {list(seen.shape)} of {seen.dtype}"
+        raise RunError(
+            f"{self.called}: observation {given[:200]}, {self._named(copy)}; it must be of {space}, as the environment "
+            "says of itself"
+        )
 
     def _require_finite(self, what: str, values: Tensor) -> None:
         if values.is_floating_point() and not (finite := values.isfinite()).all():
@@ -143,7 +191,7 @@ class Singles(Described):
         open_ = [None if actions is None else pack(np.array(actions), "the open episode") for actions in self._open]
         held = zip(self._open, self._latest, strict=True)
         latest = [None if actions is None else pack(seen, "the last observation") for actions, seen in held]
-        return {"episodes": self._episodes.tolist(), "open": open_, "latest": latest}
+        return {"episodes": self._episodes.tolist(), "open": open_, "latest": latest, "heard": self._heard}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Begin the open episodes again with their seeds, and play what was played.
@@ -152,6 +200,7 @@ class Singles(Described):
             ValueError: that leads elsewhere.
         """
         self._episodes = np.asarray(state["episodes"], dtype=np.int64)
+        self._heard = state.get("heard", True)  # of before there was this word
         for n, packed in enumerate(state["open"]):
             self._open[n] = None
             if packed is None:
@@ -160,7 +209,7 @@ class Singles(Described):
             self._episodes[n] -= 1
             self._begin([n])
             for action in actions:
-                (out,) = self._copies.step([n], [action])
+                (out,) = self._asked("step", [n], [action])
                 self._latest[n] = out.observation
             self._open[n] = actions
             if not same(self._latest[n], unpack(state["latest"][n], self._latest[n], "the last observation")):

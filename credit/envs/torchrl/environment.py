@@ -7,8 +7,8 @@ from functools import partial
 from typing import Any
 
 from credit.core.ranges import NonNegativeInt, PositiveInt
+from credit.envs.facts import SUCCESS, looked_for
 from credit.envs.gymnasium.copies import Make
-from credit.envs.gymnasium.described import REWARD, SUCCESS
 from credit.envs.gymnasium.singles import Singles
 from credit.envs.spaces import View
 from credit.envs.torchrl.making import make
@@ -75,5 +75,5 @@ class TorchRLEnvironment(Singles):
 
     @property
     def _make(self) -> Make:
-        told = SUCCESS if self.success in ("auto", REWARD) else (self.success,)
+        told = looked_for(self.success) or SUCCESS  # those of others are never seen
         return partial(make, self.target, self.kwargs, self.keys, told, self.max_steps)

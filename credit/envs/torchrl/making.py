@@ -9,7 +9,7 @@ from typing import Any
 import gymnasium
 from torchrl.envs import EnvBase, RewardSum, StepCounter
 
-from credit.core.errors import UserError, nearest
+from credit.core.errors import RAISED, UserError, nearest
 from credit.envs.torchrl.face import Face, transforms
 
 
@@ -29,7 +29,7 @@ def make(
     maker = named(target)
     try:
         env = maker(**kwargs)
-    except Exception as error:  # whatever somebody's constructor may raise
+    except RAISED as error:  # whatever somebody's constructor may raise
         given = f", made with {dict(kwargs)}" if kwargs else ""
         raise UserError(f"env.target={target!r}{given} cannot be made: {type(error).__name__}: {error}") from error
     if not isinstance(env, EnvBase):

@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
-from gymnasium.spaces import Box, Dict, MultiDiscrete
+from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete
 from torch import Tensor
 
 from credit.agents.random import Random
@@ -20,6 +20,7 @@ from credit.core.windows import Windows
 from credit.envs.collect import Collector
 from credit.envs.feedback import BlockSum, EpisodeSum, Success
 from credit.envs.gymnasium import making
+from credit.envs.gymnasium.copies import out
 from credit.envs.gymnasium.environment import Gymnasium
 from credit.judges.choose import judge
 from credit.judges.exact import Episodic
@@ -33,7 +34,7 @@ SEEDS = (3, 4)
 class Odd(gymnasium.Env[Any, Any]):
     """A dictionary to see, with a counter in it, and two digits to do; six steps; it may misbehave in the third."""
 
-    def __init__(self, trouble: str = "none", reports: bool = False) -> None:
+    def __init__(self, trouble: str = "none", reports: bool | str = False) -> None:
         self.observation_space = Dict(here=MultiDiscrete([3, 2]), far=Box(-1.0, 1.0, (2,)))
         self.action_space = MultiDiscrete([2, 2])
         self.trouble, self.reports = trouble, reports
@@ -55,7 +56,9 @@ class Odd(gymnasium.Env[Any, Any]):
         self._t += 1
         if self._bad("raises"):
             raise ArithmeticError("no third step")
-        info = {"is_success": self._t == 6, "reward": 7.0} if self.reports else {}
+        info = {"is_success": self._t == 6, "reward": 7.0} if self.reports is True else {}
+        if self.reports == "now and then" and self._t == 2:
+            info = {"is_success": True}
         reward = np.inf if self._bad("reward") else float(action.sum())
         return self._seen(), reward, self._t == 6, False, info
 
@@ -151,6 +154,36 @@ def test_success_is_told_or_refused() -> None:
     assert lake.facts == ("success",)
 
 
+@pytest.mark.parametrize("horizon", [None, 4])
+def test_a_key_that_is_never_told_is_no_failure(horizon: int | None) -> None:
+    """A misspelt key ends the run, and label 0 is no success that was not told."""
+    said = r"tests/Odd-v0'.*had the key 'is_succes' in its info, seed 3, .*; did you mean 'is_success'\?"
+    env = Gymnasium("tests/Odd-v0", {"reports": True}, success="is_succes", horizon=horizon)
+    env.start(env.problem(None, SEEDS))
+    env.reset()
+    actions = torch.zeros(2, 1, dtype=torch.int64)
+    for _ in range((horizon or 6) - 1):
+        env.step(actions)
+    with pytest.raises(RunError, match=said):
+        env.step(actions)
+
+
+def test_a_key_that_was_told_need_not_be_told_again() -> None:
+    """Some tell a success where it is one, and nothing elsewhere; and who goes on knows that it was told."""
+    one, other = (Gymnasium("tests/Odd-v0", {"reports": "now and then"}, success="is_success") for _ in range(2))
+    problem = one.problem(None, SEEDS)
+    for env in (one, other):
+        env.start(problem)
+    one.reset()
+    actions = torch.zeros(2, 1, dtype=torch.int64)
+    found = [one.step(actions).facts["success"].tolist() for _ in range(6)]
+    assert found == [[[False], [False]], [[True], [True]], *[[[False], [False]]] * 4]
+    one.reset()
+    other.load_state_dict(one.state_dict())
+    assert other.step(actions).facts["success"].tolist() == [[False], [False]]
+    assert other.state_dict()["heard"]
+
+
 @pytest.mark.parametrize(
     ("feedback", "rolling", "said"),
     [
@@ -199,6 +232,112 @@ def test_what_cannot_be_made_is_said_before_the_start(name: str, keys: dict[str,
 def test_trouble_in_mid_episode_is_named(trouble: str, said: str, workers: int) -> None:
     with pytest.raises(RunError, match=said):
         lived(Gymnasium(f"{__name__}:tests/Odd-v0", {"trouble": trouble}, workers=workers))
+
+
+class Loose(gymnasium.Env[Any, Any]):
+    """Five places in a row, six steps; in its third step, or its second episode, it gives something else."""
+
+    def __init__(self, what: str, value: Any = None, space: Any = None) -> None:
+        self.observation_space, self.action_space = space or Discrete(5), Box(-3, 9, (2,), np.int32)
+        self.what, self.value, self.episodes = what, value, 0
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        super().reset(seed=seed)
+        self.t, self.episodes = 0, self.episodes + 1
+        begun = (self.observation_space.sample() * 0, {})
+        return self.value if self.what == "reset" and self.episodes == 2 else begun
+
+    def step(self, action: Any) -> Any:
+        assert self.action_space.contains(action), action
+        self.t += 1
+        if self.what == "exit" and self.t == 3:
+            raise SystemExit(self.value)
+        answer = [self.observation_space.sample() * 0, 1.0, self.t == 6, False, {}]
+        if self.t == 3 and self.what in (names := ["observation", "reward", "terminated", "truncated", "info"]):
+            answer[names.index(self.what)] = self.value
+        return self.value if self.what == "step" and self.t == 3 else tuple(answer)
+
+
+gymnasium.register("tests/Loose-v0", entry_point=Loose, max_episode_steps=9)
+STEP = r"env\.id='.*tests/Loose-v0' {} step, seed 3, copy 0 for environment, episode 1, step 2: {}"
+BROKE = "broke the rules of"
+SEEN = (
+    r"env\.id='.*tests/Loose-v0': observation {}, seed 3, copy 0 for environment, episode {}, step {}; it must be of {}"
+)
+LOOSE: list[tuple[dict[str, Any], str]] = [
+    ({"what": "exit", "value": 3}, STEP.format("raised in", "SystemExit: 3")),
+    ({"what": "reward"}, STEP.format(BROKE, "the reward None is not one number")),
+    ({"what": "reward", "value": "abc"}, STEP.format(BROKE, "the reward 'abc' is not one number")),
+    ({"what": "reward", "value": [1.0, 2.0]}, STEP.format(BROKE, r"the reward \[1\.0, 2\.0\] is not one number")),
+    ({"what": "terminated"}, STEP.format(BROKE, "terminated None is not one number")),
+    ({"what": "info"}, STEP.format(BROKE, r"gave None where info is a dictionary")),
+    ({"what": "step", "value": (0, 1.0, False, {})}, STEP.format("raised in", "ValueError: not enough values")),
+    ({"what": "observation", "value": 7}, SEEN.format(7, 1, 3, r"Discrete\(5\)")),
+    ({"what": "observation", "value": -1}, SEEN.format(-1, 1, 3, r"Discrete\(5\)")),
+    ({"what": "observation", "value": 0.5}, SEEN.format(0.5, 1, 3, r"Discrete\(5\)")),
+    (
+        {"what": "observation", "value": np.ones(3), "space": Box(-1, 1, (4,))},
+        SEEN.format(r"\[1.0, 1.0, 1.0\], \[3\] of float64", 1, 3, r"Box\(.*\(4,\), float32\)"),
+    ),
+    (
+        {"what": "observation", "value": np.array([0, 2]), "space": MultiBinary(2)},
+        SEEN.format(r"\[0, 2\], \[2\] of int64", 1, 3, r"MultiBinary\(2\)"),
+    ),
+    (
+        {"what": "reset", "value": 0},
+        "broke the rules of reset, seed 3, copy 0 for environment, episode 2, step 0: gave 0, .* 2: .observation, info",
+    ),
+    ({"what": "reset", "value": (7, {})}, SEEN.format(7, 2, 0, r"Discrete\(5\)")),
+]
+
+
+@pytest.mark.parametrize(("keys", "said"), LOOSE, ids=[f"{keys['what']}-{keys.get('value')}" for keys, _ in LOOSE])
+def test_what_breaks_gymnasiums_rules_is_named_with_its_place(keys: dict[str, Any], said: str) -> None:
+    with pytest.raises(RunError, match=said):
+        lived(Gymnasium("tests/Loose-v0", keys))
+
+
+def test_the_api_of_before_is_named() -> None:
+    """Where no wrapper stumbles over it."""
+    with pytest.raises(RunError, match=r"step: gave a tuple of 4, and since Gymnasium 0\.26 it is a tuple of 5: \(obs"):
+        out(0, (0, 1.0, False, {}))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("keys", "said"), [LOOSE[0], LOOSE[1]], ids=["exit", "reward"])
+def test_it_is_so_in_workers(keys: dict[str, Any], said: str) -> None:
+    with pytest.raises(RunError, match=said):
+        lived(Gymnasium(f"{__name__}:tests/Loose-v0", keys, workers=1))
+
+
+@pytest.mark.parametrize("reward", [np.array([1.0]), np.array([[1]]), np.float32(1), True, torch.tensor([1.0])])
+def test_one_number_is_a_reward_whatever_holds_it(reward: Any) -> None:
+    windows, _, _ = lived(Gymnasium("tests/Loose-v0", {"what": "reward", "value": reward}))
+    assert windows.labels.tolist() == [[6.0] * 3] * 2
+
+
+def test_what_ends_python_where_it_is_made_is_said_before_the_start() -> None:
+    with pytest.raises(UserError, match="cannot be made: SystemExit: no display"):
+        Gymnasium("tests/Exits-v0").problem(None, SEEDS)
+
+
+def exits() -> None:
+    raise SystemExit("no display")
+
+
+gymnasium.register("tests/Exits-v0", entry_point=exits)
+
+
+@pytest.mark.parametrize("count", [10_000_000, 20_000])
+def test_what_is_too_wide_is_refused_before_the_start(count: int) -> None:
+    keys = {"what": "none", "space": Discrete(count)}
+    with pytest.raises(
+        UserError, match=rf"tests/Loose-v0'.*Discrete\({count}\).*one-hot.*at most 10000.*wrap"
+    ) as error:
+        Gymnasium("tests/Loose-v0", keys, view="vector").problem(None, SEEDS)
+    assert ("env.view=number" in str(error.value)) == (count == 20_000)
+    if count == 20_000:
+        assert Gymnasium("tests/Loose-v0", keys).problem(None, SEEDS).states == count
 
 
 def test_an_open_episode_is_played_again() -> None:
