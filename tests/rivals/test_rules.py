@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 import torch
 
 from credit.core.problem import FLOAT, Problem
 from credit.core.seams import CreditAssigner
+from credit.core.store import Store
 from credit.core.windows import Windows
 from credit.rivals.rules import Delayed, Uniform
 
@@ -61,3 +63,60 @@ def test_sums_over_windows_of_other_lengths_are_the_labels(
 def test_no_windows_have_no_rewards(rule: CreditAssigner) -> None:
     zeros = torch.zeros(2, 0, 3, dtype=torch.int64)
     assert rule.rewards(Windows.of_grid(zeros, zeros, zeros, torch.zeros(2, 0, dtype=FLOAT))).shape == (2, 0)
+
+
+def unlabelled(labels: list[list[float]], labelled: list[list[bool]], lengths: list[list[int]]) -> Windows:
+    """Windows of some lengths, some of which have no label."""
+    rows, many = max(map(sum, lengths)), torch.tensor(lengths)
+    zeros = torch.zeros(len(labels), rows, dtype=torch.int64)
+    known = torch.tensor(labelled)
+    held = torch.where(known, torch.tensor(labels, dtype=FLOAT), 0.0)
+    return Windows(zeros, zeros, zeros, labels=held, labelled=known, last=many.cumsum(1) - 1, count=many.sum(1))
+
+
+ROUNDS = [
+    unlabelled(
+        [[-2.0, 9.0, -4.0], [9.0, 5.0, 9.0]], [[True, False, True], [False, True, False]], [[2, 2, 2], [1, 3, 2]]
+    ),
+    unlabelled([[9.0], [9.0]], [[False], [False]], [[2], [2]]),  # a round without a label at all
+    unlabelled([[-6.0, 9.0], [9.0, -1.0]], [[True, False], [False, True]], [[2, 1], [2, 1]]),
+]
+
+
+@pytest.mark.parametrize(
+    ("rule", "expected"),
+    [
+        (
+            Delayed(),  # the mean label so far, of each replica: −3, −3, −4 and 5, 5, 2
+            [
+                [[0, -2, 0, -3, 0, -4], [5, 0, 0, 5, 0, 5]],
+                [[0, -3], [0, 5]],
+                [[0, -6, -4], [0, 2, -1]],
+            ],
+        ),
+        (
+            Uniform(),  # the mean of all labelled steps so far: −6/4, −6/4, −12/6 and 5/3, 5/3, 4/4
+            [
+                [[-1, -1, -1.5, -1.5, -2, -2], [5 / 3] * 6],
+                [[-1.5, -1.5], [5 / 3, 5 / 3]],
+                [[-3, -3, -2], [1, 1, -1]],
+            ],
+        ),
+    ],
+)
+def test_a_window_without_a_label_has_the_mean_of_those_so_far(
+    make_problem: Callable[..., Problem], rule: CreditAssigner, expected: list[list[list[float]]]
+) -> None:
+    """Where rewards are negative, 0 would be the best of all."""
+    problem = make_problem((0, 1))
+    rule.start(problem)
+    for number, (windows, rewards) in enumerate(zip(ROUNDS, expected, strict=True)):
+        store = Store(replace(problem, even=False, window=3))
+        store.append(windows)
+        rule.observe(store)
+        torch.testing.assert_close(rule.rewards(windows), torch.tensor(rewards, dtype=FLOAT))
+        state = rule.state_dict()
+        rule.start(problem)  # what it has seen is its state
+        if number < 2:
+            rule.load_state_dict(state)
+    assert not type(rule)().rewards(ROUNDS[1]).any()  # of nothing is known
