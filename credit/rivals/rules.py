@@ -16,20 +16,30 @@ from credit.core.windows import Windows
 class _Rule(CreditAssigner):
     """What the rules share: a window without a label is given the mean of its replica's labels so far.
 
-    Nothing would be a reward, too: the best of all where rewards are negative. What a window was given it keeps.
+    Nothing would be a reward, too: the best of all where rewards are negative. The mean moves as labels come, so that
+    memories are relabelled then; where every window has a label, a rule has nothing to learn.
     """
 
-    keeps: ClassVar = ("_seen",)
+    keeps: ClassVar = ("_seen", "_lacking")
     _seen: Tensor | None = None
+    _lacking = False
 
     def start(self, problem: Problem) -> None:
-        """No label was seen."""
-        self._seen = problem.zeros(3)
+        """No label was seen, and none is lacking."""
+        self._seen, self._lacking = problem.zeros(3), False
 
     def observe(self, store: Store) -> None:
-        """Remember what the mean label is; a rule learns nothing else."""
-        found = _labelled(store.new)
+        """Remember what the mean label is, and whether anybody needs it."""
+        new = store.new
+        found = _labelled(new)
         self._seen = found if self._seen is None else self._seen + found
+        if new.labelled is not None:
+            self._lacking = self._lacking or bool(((new.lengths > 0) & ~new.labelled).any())
+
+    @property
+    def learns(self) -> bool:
+        """Whether what old windows are given moves with the mean: where a label was lacking."""
+        return self._lacking
 
     def _mean(self, windows: Windows, by: int) -> Tensor:
         """The mean label so far [R, 1], by window (1) or by step (2); of these windows, where none were observed."""

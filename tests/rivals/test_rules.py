@@ -108,15 +108,27 @@ def test_a_window_without_a_label_has_the_mean_of_those_so_far(
     make_problem: Callable[..., Problem], rule: CreditAssigner, expected: list[list[list[float]]]
 ) -> None:
     """Where rewards are negative, 0 would be the best of all."""
-    problem = make_problem((0, 1))
+    problem = replace(make_problem((0, 1)), even=False, window=3)
     rule.start(problem)
-    for number, (windows, rewards) in enumerate(zip(ROUNDS, expected, strict=True)):
-        store = Store(replace(problem, even=False, window=3))
+    store = Store(problem)
+    assert not rule.learns
+    for windows, rewards in zip(ROUNDS, expected, strict=True):
         store.append(windows)
         rule.observe(store)
         torch.testing.assert_close(rule.rewards(windows), torch.tensor(rewards, dtype=FLOAT))
         state = rule.state_dict()
         rule.start(problem)  # what it has seen is its state
-        if number < 2:
-            rule.load_state_dict(state)
+        rule.load_state_dict(state)
+        assert rule.learns  # what old windows are given moves with the mean
+        torch.testing.assert_close(rule.rewards(store.windows), type(rule)().rewards(store.windows))
     assert not type(rule)().rewards(ROUNDS[1]).any()  # of nothing is known
+
+
+def test_windows_that_are_not_there_lack_no_label(make_problem: Callable[..., Problem]) -> None:
+    """A replica with fewer windows than others is filled up with some of no step."""
+    problem = replace(make_problem((0, 1)), even=False, window=3)
+    rule, store = Delayed(), Store(problem)
+    rule.start(problem)
+    store.append(unlabelled([[1.0, 2.0], [3.0, 9.0]], [[True, True], [True, False]], [[2, 2], [3, 0]]))
+    rule.observe(store)
+    assert not rule.learns
