@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import torch
 from torch import Tensor
 
@@ -20,7 +18,6 @@ class _Rule(CreditAssigner):
     memories are relabelled then; where every window has a label, a rule has nothing to learn.
     """
 
-    keeps: ClassVar = ("_seen", "_lacking")
     _seen: Tensor | None = None
     _lacking = False
 
