@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any
 
 from credit.config import files, schema
 from credit.config.kinds import CHOICES, KINDS
 from credit.core import signatures
-from credit.core.errors import nearest
+from credit.core.errors import UserError, nearest
 from credit.renamed import instead
 
 Compose = Callable[[Sequence[str], Sequence[str]], dict[str, Any]]
@@ -76,7 +77,7 @@ def of_constructor(
 
 
 def _unknown_key(key: str, overrides: list[str], config_dirs: Sequence[str], compose: Compose) -> str:
-    """Name the deepest part of a key that exists, and the keys that could follow it."""
+    """Name the deepest part of a key that exists, and the keys that could follow it, in a file or a constructor."""
     others = [text for text in overrides if text.lstrip("+~").partition("=")[0] != key]
     written = next((text for text in overrides if text not in others), key)
     node: Any = compose(others, config_dirs)
@@ -87,6 +88,9 @@ def _unknown_key(key: str, overrides: list[str], config_dirs: Sequence[str], com
         node = node[part]
         parents.append(part)
     valid = [name for name in node if name != "_target_"] if isinstance(node, dict) else []
+    if schema.is_component(node):
+        with suppress(UserError):  # of a class that cannot be had, only what its file says
+            valid += signatures.signature(schema.resolve(".".join(parents), node))
     if not parents:
         valid += [*KINDS, *CHOICES]
     path = ".".join([*parents, part])

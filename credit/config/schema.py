@@ -1,8 +1,8 @@
 """Is a configuration right, and what does it build? Schemas come from signatures; nothing is declared twice.
 
 A *slot* is a top-level key that holds one component (`mixer`) or several by name (`bonus`). A constructor asks for
-another component by naming its slot: `RewardRecovery(mixer: Mixer, ...)` gets the one in `mixer`. The trainer is the
-root; what it does not reach is not built.
+another component by naming its slot: `RewardRecovery(mixer: Mixer, ...)` gets the one in `mixer`; one that it can do
+without it gets where it is of the kind that it takes. The trainer is the root; what it does not reach is not built.
 """
 
 from __future__ import annotations
@@ -53,6 +53,7 @@ class Check:
         self._slots, self._roots = slots, roots
         self._classes: dict[str, dict[str, type[Component]]] = {}  # slot → path → class, without nested parts
         self._parts: dict[str, list[tuple[str, type[Component]]]] = {}  # slot → nested parts
+        self._left: dict[str, list[tuple[str, type[Component], Any]]] = {}  # slot → who keeps a default instead of it
         plain = {key: value for key, value in config.items() if key not in slots}
         self._arguments("", plain, job, extra_names=slots)
         for slot, kind in slots.items():
@@ -63,6 +64,10 @@ class Check:
                     self._classes[slot][path] = cls
         for slot in roots:
             self._reach(slot, "the run")
+        for slot, askers in self._left.items():
+            if slot not in self.used:  # what everybody leaves out was chosen in vain
+                for path, cls, hint in askers:
+                    self._suits(path, cls, slot, hint)
         if not self.problems:
             self._fit()
 
@@ -155,6 +160,8 @@ class Check:
                 if name not in self._slots:
                     if default is REQUIRED:
                         self.problems.append(f"{path}.{name}: a component is missing here (a mapping with _target_)")
+                elif leaves_out(self._config.get(name), hint, default):
+                    self._left.setdefault(name, []).append((path, cls, hint))
                 elif takes_several(hint) or is_component(self._config.get(name)):
                     self._reach(name, path)
                     self._suits(path, cls, name, hint)
@@ -227,6 +234,8 @@ def build(config: Mapping[str, Any], slot: str) -> Any:
         for name, (hint, default) in signature(cls).items():
             if name in node:
                 arguments[name] = from_value(node[name], component_kind(hint))
+            elif leaves_out(config.get(name), hint, default):
+                continue
             elif component_kind(hint) is not None and (config.get(name) or default is REQUIRED):
                 held = from_slot(name)
                 alone = takes_several(hint) and is_component(config.get(name))
@@ -239,6 +248,16 @@ def build(config: Mapping[str, Any], slot: str) -> Any:
             raise UserError(f"{target}: it cannot be made ({type(error).__name__}: {error})") from error
 
     return from_slot(slot)
+
+
+def leaves_out(node: Any, hint: Any, default: Any) -> bool:
+    """Whether a parameter keeps its default, since what is in the slot of its name is not of the kind that it takes."""
+    wanted = component_kind(hint)
+    if default is REQUIRED or wanted is None or not is_component(node):
+        return False
+    with suppress(UserError):
+        return not issubclass(resolve("", node), wanted)
+    return False
 
 
 def resolve(path: str, node: Mapping[str, Any]) -> type[Component]:

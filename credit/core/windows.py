@@ -38,7 +38,7 @@ class Windows(Steps):
         ended: whether a row is the last of its episode [R, n]. terminated: whether nothing lies behind it [R, n].
         count: how many of its rows each replica has [R]; None for all.
         primitive: r [R, n], only for components that declare `sees_primitive` (the oracle); None for all others.
-        fresh: whether a row was taken in the newest round [R, n], where labels come late; only of a store's newest.
+        fresh: whether a row was taken in the newest round [R, n]; None where all were. Only of a store's newest.
     """
 
     labels: Tensor

@@ -161,8 +161,9 @@ class Rolling(Stateful):
             return None
         closes = tape.closes & done
         windows, primitive = self._windows(tape, done, closes)
-        if self._feedback.delay or self._feedback.delay_windows:
-            windows = replace(windows, fresh=_Rows(done)(tape.due > begun + self._feedback.delay))
+        fresh = tape.due > begun + self._feedback.delay
+        if bool((done & ~fresh).any()):  # labels that came late, or windows that were open when the round began
+            windows = replace(windows, fresh=_Rows(done)(fresh))
         rest = tape.held & ~done
         waiting = rest.flatten(0, 1).any(0)  # in which columns; behind the last step of a copy there may be more
         most = len(waiting) - int(waiting.long().argmax()) if bool(waiting.any()) else 1

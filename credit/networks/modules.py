@@ -21,6 +21,9 @@ ACTIVATIONS: dict[str, type[nn.Module]] = {"relu": nn.ReLU, "tanh": nn.Tanh, "el
 class Network(Component):
     """What makes the networks of an agent: actor, critics and values are one each.
 
+    Agents and reward models put them in evaluation mode and leave them there, in gradient steps, too: dropout does
+    nothing, and batch norms keep their first statistics. A layer norm is what scales on small, changing batches.
+
     Example: one's own, in a package that has an entry point in the group `credit.components`; YAML names it by
     `network: {_target_: package.module.Wide}`.
         >>> class Wide(Network):
@@ -76,10 +79,10 @@ class Module(Network):
             raise UserError(f"network.module={module!r}: it is no class of torch.nn.Module; give one that is")
 
     def make(self, inputs: int, outputs: int, device: torch.device) -> nn.Module:
-        """With the weights that it gives itself."""
+        """With the weights that it gives itself, in evaluation mode."""
         try:
             made: nn.Module = self._cls(inputs, outputs, **self.keys)
-            shape = made.to(device)(torch.zeros(2, inputs, device=device)).shape
+            shape = made.to(device).eval()(torch.zeros(2, inputs, device=device)).shape
         except Exception as error:  # whatever somebody's module may raise
             raise UserError(
                 f"network.module={self.module!r} cannot be made for {inputs} numbers and {outputs} outputs: "

@@ -58,6 +58,12 @@ def test_overrides_win_over_the_method() -> None:
         ("replica=3", ["replica", "unknown key", "did you mean 'replicas'"]),
         ("feedbck.window=3", ["feedbck", "unknown key", "did you mean 'feedback'"]),
         ("feedback.windw=3", ["feedback.windw", "did you mean 'window'"]),
+        (
+            "feedback.mising=.5",
+            ["feedback.mising", "did you mean 'missing'? (valid: cut, delay, delay_windows,", "noise"],
+        ),
+        ("reference.likelyhood=logistic", ["unknown key of LinearModel", "did you mean 'likelihood'"]),
+        ("surrogates.linear.units=3", ["surrogates.linear.units", "did you mean 'unit'"]),
         ("surrogates.linear.features.foo=3", ["surrogates.linear.features.foo", "unknown key"]),
         ("methd=delayed", ["methd", "unknown key", "did you mean 'method'"]),
         ("seed", ["'seed'", "is no override", "key=value"]),

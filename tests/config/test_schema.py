@@ -87,6 +87,13 @@ class Shop(Component):
         self.car, self.engine = car, engine
 
 
+class Bike(Component):
+    """Takes petrol engines, and can do without."""
+
+    def __init__(self, engine: Petrol | None = None) -> None:
+        self.engine = engine
+
+
 class Picky(Component):
     """Refuses its argument when it is built."""
 
@@ -111,7 +118,7 @@ SLOTS: dict[str, type[Component]] = {"env": World, "engine": Engine, "wheels": W
 def _announced(monkeypatch: pytest.MonkeyPatch) -> None:
     """Put the classes above into a module of a package that has announced itself."""
     module = types.ModuleType(PACKAGE)
-    for cls in (Engine, Petrol, Rocket, Curious, Wheel, BigWheel, World, Car, Shop, Picky):
+    for cls in (Engine, Petrol, Rocket, Curious, Wheel, BigWheel, World, Car, Shop, Bike, Picky):
         setattr(module, cls.__name__, cls)
     module.not_a_class = 3  # type: ignore[attr-defined]
     module.Order = Order  # type: ignore[attr-defined]
@@ -277,6 +284,18 @@ def test_a_slot_that_nothing_reaches_is_not_used_but_checked() -> None:
 def test_parts_that_are_not_used_need_not_fit() -> None:
     config = good() | {"engine": node("Rocket")}
     assert schema.Check(config, SLOTS, Order, ("wheels",)).problems == []
+
+
+def test_an_optional_part_takes_what_is_of_its_kind_alone() -> None:
+    slots = SLOTS | {"bike": Bike}
+    config = good() | {"bike": node("Bike")}
+    assert schema.Check(config, slots, Order, ("bike",)).used == {"bike", "engine"}
+    assert type(schema.build(config, "bike").engine) is Petrol
+    config["engine"] = node("Rocket")
+    assert schema.Check(config, slots, Order, ("car", "bike")).problems == []  # a car takes it
+    assert schema.build(config, "bike").engine is None
+    (alone,) = schema.Check(config, slots, Order, ("bike",)).problems  # nobody does
+    assert "bike: Bike needs a Petrol in engine, and there is Rocket" in alone
 
 
 def test_only_the_root_is_given_the_environment() -> None:

@@ -199,6 +199,35 @@ def test_late_labels_come_late_and_none_is_lost(delay: int, windows: int) -> Non
     assert found == [own for own, _, _ in expected][: len(found)]
 
 
+@pytest.mark.parametrize("copies", [1, 3])
+@pytest.mark.parametrize("delay", [0, 3])
+@pytest.mark.parametrize("window", [4, HORIZON])
+def test_rows_say_whether_they_are_of_the_newest_round(copies: int, delay: int, window: int) -> None:
+    rolling, _ = begun(BlockSum(window, noise=0.0, delay=delay), copies, (2, 5))
+    before, old = 0, 0
+    for steps in (20, 7, 30, 1, 12, 25):
+        done = [
+            [step for own, _, _ in walked(seed, copy, 99, 99) for step in own]
+            for seed in (2, 5)
+            for copy in range(copies)
+        ]
+        taken = {(2, 5)[place // copies]: set[Step]() for place in range(len(done))}
+        for place, own in enumerate(done):
+            taken[(2, 5)[place // copies]] |= set(own[before : before + steps])
+        before += steps
+        if (new := rolling.collect(Still(), steps)) is None:
+            continue
+        windows, _ = new
+        for replica, seed in enumerate((2, 5)):
+            rows = [tuple(int(x) for x in row) for row in windows.states[replica].tolist()]
+            rows = rows[: len(rows) if windows.count is None else int(windows.count[replica])]
+            expected = [row in taken[seed] for row in rows]
+            fresh = [True] * len(rows) if windows.fresh is None else windows.fresh[replica, : len(rows)].tolist()
+            assert fresh == expected
+            old += len(rows) - sum(expected)
+    assert old  # windows that were open across rounds
+
+
 def test_lengths_are_drawn_between_their_limits() -> None:
     rolling, problem = begun(BlockSum([2, 4], noise=0.0), 2, (4, 9))
     assert problem.window == 4

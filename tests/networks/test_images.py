@@ -94,3 +94,16 @@ def test_agents_see_a_grid_as_an_image(name: str) -> None:
 @pytest.mark.parametrize("name", AGENTS)
 def test_a_run_goes_on_to_the_bit(name: str, tmp_path: Path) -> None:
     goes_on(config(name), tmp_path, (3, 4), slice(0, 1))
+
+
+class Looks(nn.Sequential):
+    """Looks at batches, while it is in training mode."""
+
+    def __init__(self, inputs: int, outputs: int) -> None:
+        super().__init__(nn.BatchNorm1d(inputs), nn.Dropout(0.5), nn.Linear(inputs, outputs))
+
+
+def test_trying_a_module_leaves_no_trace() -> None:
+    made = Module(f"{Looks.__module__}:Looks").make(4, 2, CPU)
+    assert not made.training
+    assert torch.equal(made.get_buffer("0.running_var"), torch.ones(4))

@@ -38,8 +38,9 @@ class TorchRL(Seeing, Agent):
     and not when it is. What is judged is the policy without exploration.
 
     PPO learns from the newest round alone, after its rewards were made, and only where it acted in that round: of
-    demonstrations it learns nothing, and from labels that come in a later round only its reward model learns. The
-    others learn from a replay of everything that is remembered, whose rewards are made anew after every refit.
+    demonstrations it learns nothing, and from steps whose labels come in a later round, since they are late or their
+    window was open, only its reward model learns; a round should be longer than a window. The others learn from a
+    replay of everything that is remembered, whose rewards are made anew after every refit.
 
     Args:
         loss: ppo (any actions), td3 (vectors), or discrete_sac (numbers).

@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 class Learner(Stateful):
     """A loss module of one replica with its optimizer and target networks.
 
+    Networks are in evaluation mode, in gradient steps as elsewhere, as `Replicated` has them: none draws random numbers
+    (dropout) or looks at a batch (batch norms, whose running statistics stay as they were made).
+
     Args:
         recipe: which loss. head: what the actor's outputs mean. agent: its settings. network: what makes networks.
         problem: sizes and device. seed: of the replica.
@@ -42,7 +45,7 @@ class Learner(Stateful):
         seen = numbers_seen(problem)
 
         def make(inputs: int, outputs: int) -> nn.Module:
-            return network.make(inputs, outputs, problem.device)
+            return network.make(inputs, outputs, problem.device).eval()
 
         with self.random("networks"):
             self._network = make(seen, head.outputs)

@@ -63,7 +63,7 @@ def newest(windows: Windows, rewards: Tensor, problem: Problem) -> Iterator[Tens
     size = numbers_seen(problem)
     for replica, count in enumerate(counts):
         part: tuple[int, slice | Tensor] = (replica, slice(count))
-        if windows.fresh is not None:  # others are another policy's, whose labels came late
+        if windows.fresh is not None:  # others are another policy's: their labels came late, or their window was open
             part = (replica, windows.fresh[replica, :count].nonzero().flatten())
             count = len(done[part])
         following = {

@@ -74,11 +74,13 @@ class Coordinates:
                 )
 
     def find(self, name: int | str) -> Coordinate:
-        """The coordinate of a name, or of a number: the place in the state.
+        """The coordinate of a name, or of a number: the place in the state, also as text, as keys of JSON are.
 
         Raises:
             UserError: there is none.
         """
+        if isinstance(name, str) and name.isdecimal():
+            name = int(name)
         if isinstance(name, str):
             if name in self._known:
                 return self._known[name]

@@ -22,7 +22,7 @@ from credit.core.tensors import CACHED, by_replica, matvec
 from credit.recovery.models.logistic import LogisticFits, check_bits, require_bits
 from credit.recovery.models.loops import sherman_morrison
 from credit.recovery.models.ridge import RidgeModel
-from credit.recovery.uncertainty.bootstrap import FitUncertainty
+from credit.recovery.uncertainty.bootstrap import Analytic, FitUncertainty
 
 LARGEST = 10**9  # numbers in the inverses of all fits, 8 GB
 
@@ -38,7 +38,8 @@ class LinearModel(RidgeModel):
     Args:
         name: the model's name in metrics, files and figures.
         features: the feature map φ.
-        uncertainty: further fits with other weights, or the variance of ridge regression.
+        uncertainty: further fits with other weights, or the variance of ridge regression; None for the latter with σ²
+            from the fit, as it is beside networks whose uncertainty is not for linear models.
         regularization: λ > 0.
         credit: which steps of a window share its label: every one alike, or the last alone (on tables).
         unit: steps that are counted as one: it sets the scale on which λ acts.
@@ -51,7 +52,7 @@ class LinearModel(RidgeModel):
         self,
         name: Name,
         features: FeatureMap,
-        uncertainty: FitUncertainty,
+        uncertainty: FitUncertainty | None = None,
         regularization: Positive = 0.1,
         credit: Credit = "every_step",
         unit: Positive = 1.0,
@@ -59,7 +60,7 @@ class LinearModel(RidgeModel):
     ) -> None:
         self.name = name
         self.features = features
-        self.uncertainty = uncertainty
+        self.uncertainty = Analytic(noise=None) if uncertainty is None else uncertainty
         self.regularization = regularization
         self.credit = credit
         self.unit = unit

@@ -249,3 +249,33 @@ def test_a_network_is_named_in_yaml(composed: Callable[..., dict[str, Any]]) -> 
     assert (network.hidden, network.activation) == ((7,), "tanh")
     with pytest.raises(UserError, match=r"agent\.network\.hiden: unknown key.*did you mean 'hidden'"):
         composed("experiment=sepsis", "method=delayed", "agent=ppo", f"+{named[0]}", "+agent.network.hiden=[7]")
+
+
+class Moody(Network):
+    """A user's own, which draws numbers and looks at batches while it is in training mode."""
+
+    def make(self, inputs: int, outputs: int, device: torch.device) -> nn.Module:
+        layers = [nn.Linear(inputs, 9), nn.BatchNorm1d(9), nn.ReLU(), nn.Dropout(0.5), nn.Linear(9, outputs)]
+        return nn.Sequential(*layers).to(device)
+
+
+@each
+def test_own_networks_are_in_evaluation_mode(keys: dict[str, Any], actions: str) -> None:
+    """Acting, being judged and learning: no dropout is drawn, no batch is looked at, however small."""
+    problem, found = bandit((0, 1), actions=actions), []
+    for global_seed in (1, 2):
+        torch.manual_seed(global_seed)
+        agent, _ = lived(problem, 2, copies=1, network=Moody(), **keys)  # batches of one row
+        drawn = torch.get_rng_state()
+        which = torch.zeros(2, 3, dtype=torch.int64)
+        acted = agent.policies()["behaviour"].act(seen(problem, which), which)
+        assert torch.equal(torch.get_rng_state(), drawn)
+        assert (acted == acted[:, :1]).all()  # the same for the same state
+        found.append([*weights(agent, 0), *weights(agent, 1), acted])
+        for learner in agent._learners:
+            modes = {type(part): part.training for part in learner._network.modules()}
+            assert not any(modes.values()), modes
+            state = learner.loss.state_dict()
+            still = {name: value for name, value in state.items() if name.endswith("running_mean")}
+            assert not any(bool(value.any()) for value in still.values()), still
+    assert all(torch.equal(*pair) for pair in zip(*found, strict=True))

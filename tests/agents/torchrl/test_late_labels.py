@@ -40,8 +40,15 @@ def test_labels_that_come_too_late_are_refused(words: tuple[str, ...], said: str
     assert said in " ".join(job.check(config_of(*words)).problems)
 
 
-def test_it_learns_from_the_newest_round_and_its_reward_model_from_all() -> None:
-    config = job.checked(config_of("method=reference", "feedback.delay=7"))
+@pytest.mark.parametrize(
+    ("words", "most"),
+    [
+        (["feedback.delay=7"], 20 - 7),
+        (["feedback=episode_sum"], 20),  # whole episodes, open across rounds
+    ],
+)
+def test_it_learns_from_the_newest_round_and_its_reward_model_from_all(words: list[str], most: int) -> None:
+    config = job.checked(config_of("method=reference", *words))
     trainer: Trainer = schema.build(config, "trainer")
     trainer.start((3,))
     seen, taken = list[Windows](), list[int]()
@@ -49,8 +56,8 @@ def test_it_learns_from_the_newest_round_and_its_reward_model_from_all() -> None
 
     def improve(store: Any, assigner: Any) -> None:
         rows = list(newest(store.new, assigner.rewards(store.new), trainer.problem))
-        assert store.new.fresh is not None
-        assert torch.equal(rows[0]["observation"], store.new.states[0][store.new.fresh[0]])
+        if store.new.fresh is not None:
+            assert torch.equal(rows[0]["observation"], store.new.states[0][store.new.fresh[0]])
         seen.append(store.new)
         taken.append(len(rows[0]))
         learn(store, assigner)
@@ -60,7 +67,7 @@ def test_it_learns_from_the_newest_round_and_its_reward_model_from_all() -> None
     assert len(seen) == 3
     assert taken[0] == len(seen[0])  # the first round has nothing from before
     for windows, rows, before in zip(seen[1:], taken[1:], seen, strict=False):
-        assert 0 < rows <= 20 - 7
+        assert 0 < rows <= most
         assert rows < len(windows)
         assert len(before) > 0
     assert sum(map(len, seen)) == len(trainer.store.windows)

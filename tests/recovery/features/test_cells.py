@@ -15,6 +15,7 @@ from credit.core.problem import Problem
 from credit.core.steps import Steps
 from credit.envs.spaces import Vectors
 from credit.recovery.features.cells import EqualCells
+from credit.recovery.features.coordinates import Coordinates
 from credit.recovery.features.flat import Flat
 
 FINITE = Problem.finite(10, 3, 7, (0,))
@@ -79,3 +80,10 @@ def test_vectors_keep_the_bounds_of_their_space() -> None:
     box = Vectors(Box(np.array([-1.0, -np.inf]), np.array([2.0, np.inf]), dtype=np.float64)).space
     assert box.low.tolist() == [-1, -np.inf]
     assert box.high.tolist() == [2, np.inf]
+
+
+def test_a_place_may_be_text_as_keys_are_on_their_way_to_a_worker() -> None:
+    coordinates = Coordinates(Problem.vectors(3, 1, window=5, seeds=(0,)))
+    assert coordinates.find("2") is coordinates.find(2) is coordinates.find("s2")
+    with pytest.raises(UserError, match="there is no coordinate 3 here: a state has 3"):
+        coordinates.find("3")
