@@ -66,6 +66,7 @@ def compose(
         >>> credit.compose(["method=disagreement"])["mixer"]["alpha"]
         0.5
     """
+    registry.require_words(overrides, config_dirs)
     try:
         composed = registry.compose(overrides, config_dirs)
     except UserError as error:
@@ -86,9 +87,10 @@ def _wrong(first: UserError, overrides: Sequence[str], config_dirs: Sequence[str
         try:
             registry.compose([*kept, text], config_dirs)
         except UserError as error:
-            said[text] = str(error)
-        else:
-            kept.append(text)
+            if "unknown key" in str(error):  # what else is wrong may be for want of a word that comes later
+                said[text] = str(error)
+                continue
+        kept.append(text)
     if not said:
         return [str(first)]
     try:

@@ -117,7 +117,7 @@ class Forgetful(Count):
 
     def __call__(self, belief: Any, reference: Any, steps: Any = None) -> torch.Tensor:
         self._seen += 1
-        return super().__call__(belief, reference, steps) * self._seen
+        return super().__call__(belief, reference, steps) * self._seen * (-1) ** self._seen
 
 
 def test_a_state_that_is_forgotten_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -153,7 +153,7 @@ def test_errors_out_of_bag_against_loops(
     bootstrap, draws = Bootstrap(3, resample=resample), 3
     if axes == ARRIVALS:
         models = [
-            LinearModel(str(axes), Identity(axes), bootstrap),
+            LinearModel("-".join(axes), Identity(axes), bootstrap),
             LinearModel("last", Identity(("next_state",)), bootstrap, 1, "last_step"),
         ]
     else:

@@ -140,7 +140,7 @@ def test_a_report_is_never_written_over_other_files(output: Path, tmp_path: Path
 
 
 def test_a_word_that_is_given_twice_is_an_error(output: Path):
-    with pytest.raises(UserError, match="seed is given twice, the second time in 'seed=2'"):
+    with pytest.raises(UserError, match=r"seed is given twice \('seed=1' and 'seed=2'\)"):
         main([f"output={output}", "seed=1", "seed=2"])
     with pytest.raises(UserError, match=r"trainer\.steps is given twice"):
         main([f"output={output}", "trainer.steps=1", "trainer.steps=2"])
