@@ -235,7 +235,7 @@ def _nothing_found(output: Path, experiment: str, finished: set[str], unfinished
         found = f"Found runs of {', '.join(others)} only."
     else:
         found = "Found no runs at all."
-    return (
-        f"No finished runs to compare for experiment={experiment} in {output}. {found} "
-        f"Run `credit train -m experiment={experiment} method={','.join(PAPER_METHODS)} replicas=20` first."
-    )
+    said = f"No finished runs to compare for experiment={experiment} in {output}. {found}"
+    if others and not (unfinished or finished):
+        return f"{said} There are no runs of it; {nearest(experiment, others)}"
+    return f"{said} Run `credit train -m experiment={experiment} method={','.join(PAPER_METHODS)} replicas=20` first."

@@ -77,6 +77,13 @@ def test_nothing_at_all_says_what_to_run(tmp_path: Path):
         load_runs(tmp_path / "outputs", "advertiser")
 
 
+def test_an_experiment_that_is_none_is_not_advised(write_run: WriteRun, tmp_path: Path):
+    write_run("delayed", 0, REGRET, experiment="CartPole-v1")
+    with pytest.raises(UserError, match="no runs of it; did you mean 'CartPole-v1'") as said:
+        load_runs(tmp_path / "outputs", "CartPole-v0")
+    assert "credit train" not in str(said.value)
+
+
 def test_nothing_finished_names_what_was_found(write_run: WriteRun, tmp_path: Path):
     write_run("block", 0, REGRET, done=False)
     write_run("delayed", 0, REGRET, experiment="sepsis")
