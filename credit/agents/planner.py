@@ -45,7 +45,7 @@ class Planner(Agent):
         self._total, self._visits = problem.zeros(problem.pairs), problem.zeros(problem.pairs)
         self._arrivals, self._ends = problem.zeros(problem.states), problem.zeros(problem.states)  # N(s'), and the last
         self._rewards: tuple[Cells, Tensor, Tensor] | None = None  # of the last plan; None where it was another's
-        self._greedy = torch.zeros(0, dtype=torch.int64)  # as planned when somebody last looked
+        self._greedy = torch.zeros(0, dtype=torch.int64, device=problem.device)  # as planned when somebody last looked
 
     def act(self, states: Tensor, step: Tensor) -> Tensor:
         """What the plan says."""

@@ -270,7 +270,7 @@ class Recovery(CreditAssigner):
     def _nowhere(self, problem: Problem) -> Belief:
         """What is believed of no place at all: models have names, and nothing more."""
         count = len(self.models)
-        each, one = torch.zeros(problem.replicas, count, 0), torch.zeros(problem.replicas, 0)
+        each, one = (torch.zeros(problem.replicas, *size, 0, device=problem.device) for size in ((count,), ()))
         draws = (None,) * count
         return Belief(self.names, each, draws, each, each[:, 1:], each, one.long(), one, {}, one)
 
