@@ -31,6 +31,7 @@ ROWS, ROUND = 1_000_000, 10_000
 WORDS = (
     *("env=gymnasium", "env.id=HalfCheetah-v5", "feedback=episode_sum", "method=reference"),
     *(f"trainer.steps_per_round={EPISODE}", "trainer.random_steps=1000", "trainer.log_every=1000", "tracking=none"),
+    "env.evaluation_episodes=1",  # learn() has none
 )
 LARGE = ("agent.width=256", "agent.batch=256")
 CLOCKED = {  # what is timed: name → class and method
