@@ -29,7 +29,7 @@ def main(argv: list[str]) -> int:
         require_kind(kind)
     for kind in words.overrides or known:
         print(f"{kind}: {known[kind]}")
-        for line in files.twice(kind):
+        for line in files.twice(kind).values():
             print(f"warning: {line}", file=sys.stderr)
         for name, path in files.options(kind, words.config_dirs).items():
             print(f"  {name:<18} {files.describe_file(path)}")

@@ -10,7 +10,7 @@ from typing import Any
 from credit.config import files, schema
 from credit.config.kinds import CHOICES, KINDS
 from credit.core import signatures
-from credit.core.errors import UserError, nearest
+from credit.core.errors import UnknownKey, UserError, nearest
 from credit.renamed import instead
 
 Compose = Callable[[Sequence[str], Sequence[str]], dict[str, Any]]
@@ -22,6 +22,9 @@ def explain(error: Exception, overrides: Sequence[str], config_dirs: Sequence[st
     Args:
         error: of Hydra or OmegaConf, or a RecursionError. overrides, config_dirs: as they were given.
         compose: `registry.compose`.
+
+    Raises:
+        UnknownKey: that is what it means.
     """
     if isinstance(error, RecursionError):
         paths = [path for kind in (*KINDS, *CHOICES) for path in files.circular(kind, config_dirs)]
@@ -41,7 +44,7 @@ def explain(error: Exception, overrides: Sequence[str], config_dirs: Sequence[st
     if found and found[1] in KINDS and KINDS[group := found[1]].several:
         return f"'~{group}': {group} is a list of options; {group}=[] is none of them, {group}=[<option>] another"
     if found := re.search(r"Could not (?:override|delete)[^']*'([\w@./]+)'", message):
-        return _unknown_key(found[1], list(overrides), config_dirs, compose)
+        raise UnknownKey(_unknown_key(found[1], list(overrides), config_dirs, compose)) from None
     if message.startswith("Config group override must be"):
         for text in overrides:
             group, _, value = text.lstrip("+~").partition("=")

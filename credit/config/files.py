@@ -68,17 +68,17 @@ def broken_packages() -> list[str]:
     return found
 
 
-def twice(kind: str) -> list[str]:
-    """Names that several packages have, or a package and credit itself: which file counts, and which do not."""
+def twice(kind: str) -> dict[str, str]:
+    """Names that several packages have, or a package and credit itself → where each stands, in a sentence."""
     found: dict[str, list[Path]] = {}
-    for folder in search_path():
+    for folder in search_path() if package_dirs() else []:
         for path in sorted((folder / kind).glob("*.yaml")):
             found.setdefault(path.stem, []).append(path)
-    return [
-        f"{kind}={name} stands in {first}, which counts, and in {', '.join(map(str, others))}, which does not"
-        for name, (first, *others) in found.items()
-        if others
-    ]
+    return {
+        name: f"{kind}={name} means several parts: {', '.join(map(str, paths))}"
+        for name, paths in found.items()
+        if len(paths) > 1
+    }
 
 
 def options(kind: str, config_dirs: Sequence[str] = ()) -> dict[str, Path]:

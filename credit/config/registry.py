@@ -25,7 +25,7 @@ from yaml import YAMLError
 
 from credit.config import answers, files, layers
 from credit.config.files import CONFIG_NAME
-from credit.config.kinds import KINDS
+from credit.config.kinds import CHOICES, KINDS
 from credit.core.errors import UserError
 
 COMPOSES = ("hydra", "choose", "defaults_for", "names")  # keys that are not part of a job
@@ -57,7 +57,18 @@ def compose(overrides: Sequence[str] = (), config_dirs: Sequence[str] = ()) -> d
     for text in overrides:
         if (first := str(parse(text).key_or_group).partition(".")[0]) in ROLES:
             raise UserError(f"{text!r}: {first} is not for the command line: {ROLES[first]}")
+    _require_one_meaning(overrides)
     return deepcopy(_composed(tuple(words), tuple(config_dirs), files.stamp(config_dirs)))
+
+
+def _require_one_meaning(words: Sequence[str]) -> None:
+    """Refuse an option that is typed and means several parts."""
+    for parsed in map(parse, words):
+        kind, named = str(parsed.key_or_group), parsed.value()
+        if kind in {*KINDS, *CHOICES}:
+            for option in named if isinstance(named, list) else [named]:
+                if line := files.twice(kind).get(str(option)):
+                    raise UserError(f"{line}; rename one of them, or uninstall the package that has it")
 
 
 @lru_cache(maxsize=256)

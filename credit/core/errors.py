@@ -15,6 +15,10 @@ class UserError(ValueError):
     """
 
 
+class UnknownKey(UserError):
+    """A key that nothing has."""
+
+
 class Misfit(UserError):
     """Parts that do not go with a problem.
 

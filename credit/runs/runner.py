@@ -13,7 +13,7 @@ import numpy as np
 
 from credit.config import registry, schema, slugs
 from credit.config.kinds import CHOICES, KINDS
-from credit.core.errors import UserError
+from credit.core.errors import UnknownKey, UserError
 from credit.runs import effects, folders
 from credit.runs import job as jobs
 from credit.runs.journal import read_json
@@ -86,10 +86,11 @@ def _wrong(first: UserError, overrides: Sequence[str], config_dirs: Sequence[str
     for text in sorted(keys, key=lambda text: not text.startswith("env.")):  # an environment decides what else there is
         try:
             registry.compose([*kept, text], config_dirs)
-        except UserError as error:
-            if "unknown key" in str(error):  # what else is wrong may be for want of a word that comes later
-                said[text] = str(error)
-                continue
+        except UnknownKey as error:
+            said[text] = str(error)
+            continue
+        except UserError:  # what else is wrong may be for want of a word that comes later
+            pass
         kept.append(text)
     if not said:
         return [str(first)]

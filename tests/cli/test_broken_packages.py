@@ -50,8 +50,15 @@ def test_a_list_skips_and_names_them(site: Path, capsys: pytest.CaptureFixture[s
     assert "reward=thing is skipped" in said.err
     assert "broken_plugin raised RuntimeError: no licence" in said.err
     assert "gone_plugin.sub" in said.err
-    assert f"reward=ridge stands in {files.conf_dir() / 'reward' / 'ridge.yaml'}, which counts" in said.err
+    assert f"reward=ridge means several parts: {files.conf_dir() / 'reward' / 'ridge.yaml'}, " in said.err
     assert "the tabular reference" in said.out  # credit's own ridge
+
+
+def test_a_name_that_means_several_parts_is_refused_where_it_is_typed(site: Path) -> None:
+    own = site / "taken_plugin" / "conf" / "reward" / "ridge.yaml"
+    with pytest.raises(UserError, match="reward=ridge means several parts") as refused:
+        registry.compose(["experiment=advertiser", "reward=ridge"])
+    assert str(own) in str(refused.value)
 
 
 def test_they_are_fatal_when_used_and_only_then(site: Path) -> None:
