@@ -18,11 +18,12 @@ from credit.renamed import answer_old_imports
 if TYPE_CHECKING:
     from credit.api import check, compare, list, sweep
     from credit.core.errors import UserError
+    from credit.runs.composing import compose
     from credit.runs.evaluate import evaluate
     from credit.runs.load import Run, load
     from credit.runs.play import play
     from credit.runs.resume import resume
-    from credit.runs.runner import Result, compose, run
+    from credit.runs.runner import Result, run
 
 os.environ.setdefault("RL_LOGGING_LEVEL", "WARNING")  # TorchRL reads it once, and tells of every buffer otherwise
 answer_old_imports()
@@ -46,9 +47,10 @@ __all__ = [
 ]
 _HOMES = {
     **dict.fromkeys(("check", "compare", "list", "sweep"), "api"),
-    **dict.fromkeys(("Result", "compose", "run"), "runs.runner"),
+    **dict.fromkeys(("Result", "run"), "runs.runner"),
     **dict.fromkeys(("Run", "load"), "runs.load"),
     "UserError": "core.errors",
+    "compose": "runs.composing",
     "evaluate": "runs.evaluate",
     "play": "runs.play",
     "resume": "runs.resume",

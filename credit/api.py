@@ -36,7 +36,7 @@ def check(overrides: Sequence[str] = (), *, config_dirs: Sequence[str] = ()) -> 
         >>> credit.check(["method=disagreement"]).loc["mixer.alpha"]
     """
     from credit.config.origins import explained
-    from credit.runs.runner import compose
+    from credit.runs.composing import compose
 
     config = compose(overrides, config_dirs=config_dirs)
     rows = explained(config, [*overrides], [*config_dirs])

@@ -11,7 +11,7 @@ from credit.config import files, kinds
 from credit.core.errors import UserError
 from credit.renamed import MODULES as MODULES_NOW
 from credit.renamed import answer_old_imports, instead
-from credit.runs.runner import compose
+from credit.runs.composing import compose
 
 # What is gone since commit 6a61dfa: modules (git ls-tree -r 6a61dfa credit), options of conf/, keys of constructors.
 MODULES = """

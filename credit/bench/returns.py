@@ -15,8 +15,8 @@ import credit
 from credit.bench.measure import Row
 from credit.core.errors import UserError
 from credit.report.statistics import paired_difference
+from credit.runs.composing import compose
 from credit.runs.intervals import mean_interval
-from credit.runs.runner import compose
 
 SEEDS = range(1000, 1005)
 EPISODES = 20  # of the final policy

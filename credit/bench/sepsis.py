@@ -14,7 +14,7 @@ from credit.core.problem import FLOAT, Problem
 from credit.core.windows import Windows
 from credit.recovery.models.table import TableModel
 from credit.recovery.places import Table
-from credit.runs.runner import compose
+from credit.runs.composing import compose
 from credit.trainer import Trainer
 
 REPLICAS = 4

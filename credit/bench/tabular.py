@@ -14,7 +14,7 @@ from credit.bench.measure import Row, cpu_seconds, peak_megabytes, tensor_megaby
 from credit.config import schema
 from credit.core.compiled import usable
 from credit.core.windows import Windows
-from credit.runs.runner import compose
+from credit.runs.composing import compose
 from credit.trainer import Trainer
 
 REPLICAS, MANY = 20, 100

@@ -23,7 +23,7 @@ from credit.recovery.features.flat import Flat
 from credit.recovery.models.neural import NeuralModel
 from credit.recovery.recovery import Recovery
 from credit.recovery.uncertainty.networks import LastLayer
-from credit.runs.runner import compose
+from credit.runs.composing import compose
 
 STEPS, EPISODE = 10_000, 1_000
 FEW = 3_000

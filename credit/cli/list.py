@@ -10,7 +10,7 @@ from typing import Any
 
 from credit.cli.common import Words
 from credit.cli.main import guarded
-from credit.config import files, schema
+from credit.config import classes, files
 from credit.config.kinds import CHOICES, KINDS
 from credit.config.layers import Layer
 from credit.core import signatures
@@ -73,7 +73,7 @@ def parameters(kind: str, path: Path, config_dirs: Sequence[str] = ()) -> list[s
             f"{key} = {shown(values.get(key, '…'))}{f'   ({elsewhere[key]})' if key in elsewhere else ''}"
             for key in dict.fromkeys([*values, *elsewhere])
         ]
-    hints = signatures.signature(schema.resolve(str(path), node))
+    hints = classes.parameters(str(path), node)
     return [
         f"{name} = {shown(node.get(name, default))}   "
         f"({'; '.join(filter(None, [signatures.describe(hint), elsewhere.get(name)]))})"

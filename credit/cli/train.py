@@ -106,9 +106,7 @@ def checked_jobs(words: Words, multirun: bool) -> list[Job]:
     Raises:
         UserError: with the problems of all jobs, each once.
     """
-    from credit.runs import effects
-    from credit.runs.job import plan
-    from credit.runs.runner import compose
+    from credit.runs.composing import compose
 
     jobs = sweeps.expand(words.overrides, words.config_dirs) if multirun else [words.overrides]
     found, problems, remarks = dict[str, Job](), dict[str, None](), dict[str, None]()
@@ -121,12 +119,16 @@ def checked_jobs(words: Words, multirun: bool) -> list[Job]:
         except UserError as error:
             problems.update(dict.fromkeys(str(error).splitlines()))
             continue
+        from credit.runs.job import plan  # with all that runs
+
         kept = [word for word in overrides if word not in without]
         found.setdefault(json.dumps(plan(config) | {"slug": None}), (config, kept))  # one run may be typed in two ways
         useful.update(kept)
         useless |= {word: (slot, overrides) for word, slot in without.items()}
     for word, (slot, overrides) in useless.items():
         if word not in useful:
+            from credit.runs import effects
+
             problems |= dict.fromkeys(effects.said(word, slot, overrides, words.config_dirs).splitlines())
     if problems:
         raise UserError("\n".join(problems))

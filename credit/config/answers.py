@@ -7,9 +7,8 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
 
-from credit.config import files, schema
+from credit.config import classes, files
 from credit.config.kinds import CHOICES, KINDS
-from credit.core import signatures
 from credit.core.errors import UnknownKey, UserError, nearest
 from credit.renamed import instead
 
@@ -72,9 +71,9 @@ def of_constructor(
     node: Any = compose([text for text in overrides if text not in keys], config_dirs)
     for part in path.split("."):
         node = node.get(part) if isinstance(node, dict) else None
-    if not schema.is_component(node):
+    if not classes.is_component(node):
         return None
-    new = signatures.signature(schema.resolve(path, node)).keys() - node.keys()  # all at once: composing takes the time
+    new = classes.parameters(path, node).keys() - node.keys()  # all at once: composing takes the time
     words = {text for text, key in keys.items() if key in new}
     return [f"+{text}" if text in words else text for text in overrides] if words else None
 
@@ -91,9 +90,9 @@ def _unknown_key(key: str, overrides: list[str], config_dirs: Sequence[str], com
         node = node[part]
         parents.append(part)
     valid = [name for name in node if name != "_target_"] if isinstance(node, dict) else []
-    if schema.is_component(node):
+    if classes.is_component(node):
         with suppress(UserError):  # of a class that cannot be had, only what its file says
-            valid += signatures.signature(schema.resolve(".".join(parents), node))
+            valid += classes.parameters(".".join(parents), node)
     if not parents:
         valid += [*KINDS, *CHOICES]
     path = ".".join([*parents, part])

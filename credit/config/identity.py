@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from typing import Any
 
-from credit.config import schema
+from credit.config import classes
 from credit.config.kinds import CIRCUMSTANCES, KINDS, STARTS
 from credit.core.errors import UserError
 from credit.core.naming import registered_name
@@ -38,7 +38,7 @@ def identity(config: Mapping[str, Any]) -> str:
 def described(node: Any) -> Any:
     """A component by its registered name and what differs from its defaults; components by name; or a value."""
     if isinstance(node, Mapping) and "_target_" in node:
-        cls = schema.resolve("", node)
+        cls = classes.resolve("", node)
         defaults = {name: default for name, (_, default) in signature(cls).items()}
         values = {key: value for key, value in node.items() if key != "_target_"}
         changed = {k: described(v) for k, v in values.items() if plain(v) != plain(defaults.get(k, REQUIRED))}
@@ -59,7 +59,7 @@ def namesakes(one: Any, other: Any) -> Iterator[tuple[str, str]]:
     targets = str(one.get("_target_")), str(other.get("_target_"))
     if targets[0] != targets[1]:
         with suppress(UserError):
-            if schema.resolve("", one) is not schema.resolve("", other):
+            if classes.resolve("", one) is not classes.resolve("", other):
                 yield targets
     for key in one.keys() & other.keys():
         yield from namesakes(one[key], other[key])

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
@@ -28,9 +28,8 @@ from hydra.core.object_type import ObjectType
 from hydra.plugins.config_source import ConfigResult
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from credit.config import files, schema
+from credit.config import classes, files
 from credit.config.kinds import KINDS
-from credit.core import signatures
 from credit.core.errors import UserError, nearest
 
 ROLE = re.compile(r"\$\{choose\.(\w+)\}")
@@ -151,10 +150,18 @@ def _wish(name: str, value: Any, by: str, config_dirs: Sequence[str]) -> Wish:
     if file not in {*known, EVERY}:
         raise UserError(f"{where}: {group} has no option {file!r}; {nearest(file, known)}")
     names = known if file == EVERY else [file]
-    heads = [set(signatures.signature(cls)) for name in names if (cls := schema.of_option(group, name, config_dirs))]
+    heads = [heads for name in names if (heads := _heads(group, name, config_dirs)) is not None]
     if heads and not any(key.partition(".")[0] in keys for keys in heads):
         raise UserError(f"{where}: {option} has no key {key!r}; {nearest(key, set().union(*heads))}")
     return Wish(option, key, value, by)
+
+
+def _heads(group: str, option: str, config_dirs: Sequence[str]) -> set[str] | None:
+    """The parameters of an option's class; None where they cannot be told."""
+    node = classes.node_of_option(group, option, config_dirs)
+    with suppress(UserError):
+        return set(classes.parameters(f"{group}={option}", node)) if classes.is_component(node) else None
+    return None
 
 
 _LAYER: ContextVar[Layer | None] = ContextVar("layer", default=None)

@@ -10,7 +10,7 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.types import RunMode
 from omegaconf import OmegaConf
 
-from credit.config import files, layers, registry, schema
+from credit.config import classes, files, layers, registry
 from credit.config.files import CONFIG_NAME
 from credit.config.kinds import CHOICES, KINDS
 from credit.core import signatures
@@ -49,7 +49,7 @@ def _origin(path: str, said: Mapping[str, str]) -> str:
 
 def _values(node: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Every key and its value, those included that only a constructor says."""
-    hints = signatures.signature(schema.resolve(prefix, node)) if "_target_" in node else {}
+    hints = signatures.signature(classes.resolve(prefix, node)) if "_target_" in node else {}
     unsaid = {
         name: default
         for name, (hint, default) in hints.items()

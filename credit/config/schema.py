@@ -7,23 +7,18 @@ without it gets where it is of the kind that it takes. The trainer is the root; 
 
 from __future__ import annotations
 
-import importlib
 import typing
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from functools import cache
-from importlib.metadata import entry_points
 from typing import Any
 
-from credit.config import files
+from credit.config.classes import is_component, node_of_option, of_option, resolve
 from credit.config.kinds import SLOTS
 from credit.core.component import Component
 from credit.core.errors import UserError, nearest
 from credit.core.naming import is_name
 from credit.core.signatures import REQUIRED, component_kind, describe, refusal, signature, takes_several
-from credit.renamed import instead, today
-
-ENTRY_POINTS = "credit.components"
+from credit.renamed import instead
 
 
 class Check:
@@ -260,42 +255,6 @@ def leaves_out(node: Any, hint: Any, default: Any) -> bool:
     return False
 
 
-def resolve(path: str, node: Mapping[str, Any]) -> type[Component]:
-    """The class behind `_target_`, if it is one that may be built.
-
-    Raises:
-        UserError: not importable, not a component, or of a package that did not announce itself.
-    """
-    target = str(node["_target_"])
-    module, _, name = target.rpartition(".")
-    if module.split(".")[0] not in allowed_packages():
-        raise UserError(
-            f"{path}._target_={target!r}: only classes of these packages may be built: "
-            f"{', '.join(sorted(allowed_packages()))}; a package announces itself by an entry point {ENTRY_POINTS!r}"
-        )
-    try:
-        found = getattr(importlib.import_module(module), name)
-    except (ImportError, AttributeError) as error:
-        if (now := today(target)) != target:
-            raise UserError(f"{path}._target_={target!r} has another name now: {now}") from None
-        raise UserError(f"{path}._target_={target!r} cannot be imported: {error}") from None
-    except Exception as error:  # whatever somebody's own module may raise
-        raise UserError(
-            f"{path}._target_={target!r} cannot be imported: {module} raised {type(error).__name__}: {error}"
-        ) from error
-    if not (isinstance(found, type) and issubclass(found, Component)):
-        raise UserError(f"{path}._target_={target!r} is not a component of credit")
-    return found
-
-
-def of_option(kind: str, name: str, config_dirs: Sequence[str] = ()) -> type[Component] | None:
-    """The class of an option, as its file says it or the one that it starts from; None where they do not say it."""
-    node = node_of_option(kind, name, config_dirs)
-    with suppress(UserError):
-        return resolve(f"{kind}={name}", node) if is_component(node) else None
-    return None
-
-
 def made_option(kind: str, name: str, config_dirs: Sequence[str] = ()) -> type[Component] | Component | None:
     """What an option makes by itself; its class, where it needs others for that."""
     cls = of_option(kind, name, config_dirs)
@@ -303,25 +262,6 @@ def made_option(kind: str, name: str, config_dirs: Sequence[str] = ()) -> type[C
         made: Component = build({kind: node_of_option(kind, name, config_dirs)}, kind)
         return made
     return cls
-
-
-def node_of_option(kind: str, name: str, config_dirs: Sequence[str] = ()) -> dict[str, Any]:
-    """The keys of an option's file and of those that it starts from; empty where they cannot be told."""
-    options, found = files.options(kind, config_dirs), dict[str, Any]()
-    with suppress(UserError, LookupError, ValueError):
-        for _ in options:  # no chain is longer
-            node = files.read(options[name])
-            found = {key: value for key, value in node.items() if key != "defaults"} | found
-            if is_component(node):
-                return found
-            *_, name = files.bases(kind, node)
-    return {}
-
-
-@cache
-def allowed_packages() -> frozenset[str]:
-    """`credit`, and every package with an entry point in the group `credit.components`."""
-    return frozenset({"credit", *(point.module.split(".")[0] for point in entry_points(group=ENTRY_POINTS))})
 
 
 def members(config: Mapping[str, Any], slot: str) -> dict[str, Any]:
@@ -332,11 +272,6 @@ def members(config: Mapping[str, Any], slot: str) -> dict[str, Any]:
     if is_component(value) or not isinstance(value, Mapping):
         return {slot: value}
     return {f"{slot}.{name}": node for name, node in value.items()}
-
-
-def is_component(value: Any) -> bool:
-    """Whether a node describes a component."""
-    return isinstance(value, Mapping) and "_target_" in value
 
 
 def at(config: Mapping[str, Any], path: str) -> Any:

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import torch
 import yaml
 
-from credit.config import fitting, schema
+from credit.config import classes, fitting, schema
 from credit.config.identity import identity, namesakes
 from credit.config.kinds import CIRCUMSTANCES, KINDS
 from credit.core.capabilities import parts_of
@@ -118,7 +118,7 @@ def _dying_pays(trainer: Trainer) -> str:
 def schema_of(config: Mapping[str, Any]) -> schema.Check:
     """What signatures say of a composed configuration: keys, types, ranges, and which slots it uses."""
     found = schema.Check({}, {}, Job, ())
-    trainer = schema.resolve("trainer", config["trainer"]) if schema.is_component(config.get("trainer")) else None
+    trainer = classes.resolve("trainer", config["trainer"]) if classes.is_component(config.get("trainer")) else None
     if trainer is None:
         found.problems = ["trainer: the node is missing or has no _target_"]
     elif config.get("written_for") not in (None, config.get("experiment")):

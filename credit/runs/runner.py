@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from credit.config import registry, schema, slugs
-from credit.config.kinds import CHOICES, KINDS
-from credit.core.errors import UnknownKey, UserError
-from credit.runs import effects, folders
+from credit.config import schema
+from credit.runs import folders
 from credit.runs import job as jobs
+from credit.runs.composing import compose
 from credit.runs.journal import read_json
 from credit.runs.session import JobRecord, Session
 from credit.runs.threads import limited
@@ -43,62 +41,6 @@ class Result:
     seconds: float
     metrics: dict[str, np.ndarray]
     error: str | None = None
-
-
-def compose(
-    overrides: Sequence[str] = (),
-    *,
-    config_dirs: Sequence[str] = (),
-    say: Callable[[str], None] = lambda remark: None,
-    idle: Callable[[dict[str, str]], None] | None = None,
-) -> dict[str, Any]:
-    """The resolved and checked configuration of one job, without what it does not use; it knows its folder.
-
-    Args:
-        overrides: as on the command line. config_dirs: further folders of YAML files.
-        say: called with what is right, but a user should know.
-        idle: called with words that have no effect, and the slots that they are for; None refuses them.
-
-    Raises:
-        UserError: with every problem found.
-
-    Example:
-        >>> credit.compose(["method=disagreement"])["mixer"]["alpha"]
-        0.5
-    """
-    registry.require_words(overrides, config_dirs)
-    try:
-        composed = registry.compose(overrides, config_dirs)
-    except UserError as error:
-        raise UserError("\n".join(_wrong(error, overrides, config_dirs))) from None
-    config = jobs.checked(composed, say)
-    if words := effects.idle(overrides, config):
-        (idle or partial(effects.refuse, overrides=overrides, config_dirs=config_dirs))(words)
-    named = config | {"slug": slugs.slug(config, overrides, config_dirs)}
-    return named | {"slug": folders.named(named)}
-
-
-def _wrong(first: UserError, overrides: Sequence[str], config_dirs: Sequence[str]) -> list[str]:
-    """What is wrong with each word that cannot be composed, and with what the others come to; Hydra tells the first."""
-    kept = [text for text in overrides if text.partition("=")[0].partition("@")[0] in {*KINDS, *CHOICES}]
-    said: dict[str, str] = {}
-    keys = [text for text in overrides if text not in kept]
-    for text in sorted(keys, key=lambda text: not text.startswith("env.")):  # an environment decides what else there is
-        try:
-            registry.compose([*kept, text], config_dirs)
-        except UnknownKey as error:
-            said[text] = str(error)
-            continue
-        except UserError:  # what else is wrong may be for want of a word that comes later
-            pass
-        kept.append(text)
-    if not said:
-        return [str(first)]
-    try:
-        compose([text for text in overrides if text not in said], config_dirs=config_dirs)
-    except UserError as error:
-        return [*dict.fromkeys([*said.values(), str(error)])]
-    return [*dict.fromkeys(said.values())]
 
 
 def run(

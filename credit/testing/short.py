@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
-from credit.config import files, registry, schema
+from credit.config import classes, files, registry, schema
 
 SEEDS = (3, 4)
 WINDOWS = 6  # of a short run
@@ -46,7 +46,7 @@ def small(config: Mapping[str, Any]) -> dict[str, Any]:
     """
     worlds = {slot: config[slot] for slot in ("env", "feedback")}  # whose numbers say what they are, not what they cost
     found = {**_less(config), **worlds}
-    changes = SMALL.get(schema.resolve("env", worlds["env"]).__name__, {})
+    changes = SMALL.get(classes.resolve("env", worlds["env"]).__name__, {})
     found |= {slot: found[slot] | keys for slot, keys in changes.items()}
     if isinstance(window := found["feedback"].get("window"), int) and window > LONGEST:
         found["feedback"] = found["feedback"] | {"window": LONGEST}

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from credit.config import files, kinds, registry, schema
+from credit.config import classes, files, kinds, registry, schema
 from credit.core import signatures
 from credit.testing.expect import expect
 from credit.testing.short import selection
@@ -31,16 +31,16 @@ def slot_of(kind: str) -> str:
     return "reference" if kind == "reward" else kind
 
 
-def classes(kind: str, name: str) -> list[type]:
+def made_of(kind: str, name: str) -> list[type]:
     """The classes that an option makes."""
-    return [schema.resolve(path, node) for path, node in nodes(kind, name).items()]
+    return [classes.resolve(path, node) for path, node in nodes(kind, name).items()]
 
 
 def is_described(kind: str, name: str) -> None:
     """The file says in one line what it is, and so do its classes, which are of its kind and can be made."""
     path = files.options(kind)[name]
     expect(files.describe_file(path), f"{path}: its first line must be a comment that says what it is")
-    for cls in classes(kind, name):
+    for cls in made_of(kind, name):
         base = kinds.KINDS[kind].load()
         expect(issubclass(cls, base), f"{cls.__name__} is no {base.__name__}")
         missing = ", ".join(sorted(getattr(cls, "__abstractmethods__", ())))
@@ -52,7 +52,7 @@ def is_described(kind: str, name: str) -> None:
 def is_complete(kind: str, name: str) -> None:
     """Every key of the file is a parameter, and every parameter has a value and a type hint."""
     slots = {slot for other in kinds.KINDS.values() for slot in other.slots}
-    for cls, node in zip(classes(kind, name), nodes(kind, name).values(), strict=True):
+    for cls, node in zip(made_of(kind, name), nodes(kind, name).values(), strict=True):
         parameters = signatures.signature(cls)
         unknown = sorted(node.keys() - {"_target_"} - parameters.keys())
         expect(not unknown, f"{cls.__name__} has no parameter {', '.join(unknown)}")
@@ -64,7 +64,7 @@ def is_complete(kind: str, name: str) -> None:
 
 def is_documented(kind: str, name: str) -> None:
     """Every parameter has words in the docstring of its class."""
-    for cls in classes(kind, name):
+    for cls in made_of(kind, name):
         for parameter in signatures.signature(cls):
             said = re.search(rf"\b{parameter}(, \w+)*:", cls.__doc__ or "")  # alone, or among others
             expect(said, f"{cls.__name__}: its docstring says nothing of {parameter} (`Args:` and `{parameter}: …`)")

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from credit.cli import list as listing
-from credit.config import files, registry, schema
+from credit.config import classes, files, registry
 from credit.core.errors import UserError
 from credit.runs import job
 
@@ -34,7 +34,7 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         module = f"{name}.sub" if text is None else name
         (facts / "entry_points.txt").write_text(f"[credit.components]\n{name} = {module}\n")
     monkeypatch.syspath_prepend(str(tmp_path))
-    caches = (files.package_dirs, schema.allowed_packages)
+    caches = (files.package_dirs, classes.allowed_packages)
     for cache in caches:
         cache.cache_clear()
     yield tmp_path
@@ -64,4 +64,4 @@ def test_a_name_that_means_several_parts_is_refused_where_it_is_typed(site: Path
 def test_they_are_fatal_when_used_and_only_then(site: Path) -> None:
     assert not job.check(registry.compose(["experiment=advertiser", "tracking=none"])).problems
     with pytest.raises(UserError, match="broken_plugin raised RuntimeError: no licence"):
-        schema.resolve("reward", {"_target_": "broken_plugin.Thing"})
+        classes.resolve("reward", {"_target_": "broken_plugin.Thing"})

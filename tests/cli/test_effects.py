@@ -7,7 +7,7 @@ import pytest
 from credit.config import registry
 from credit.config.identity import identity
 from credit.core.errors import UserError
-from credit.runs.runner import compose
+from credit.runs.composing import compose
 
 
 def test_jobs_of_a_sweep_in_which_a_word_has_no_effect_are_one(credit):

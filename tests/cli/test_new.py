@@ -17,7 +17,7 @@ import yaml
 
 import credit as package
 from credit.cli.new import TRY
-from credit.config import files, kinds, schema
+from credit.config import classes, files, kinds
 from credit.testing import check
 
 from .conftest import Ended
@@ -65,7 +65,7 @@ def announced(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A folder for a package, which this process takes for installed."""
     monkeypatch.syspath_prepend(str(folder))
     monkeypatch.setattr(files, "package_dirs", lambda: tuple(folder.glob("*/conf")))
-    monkeypatch.setattr(schema, "allowed_packages", lambda: frozenset({"credit", *os.listdir(folder)}))
+    monkeypatch.setattr(classes, "allowed_packages", lambda: frozenset({"credit", *os.listdir(folder)}))
     yield folder
     for name in [name for name in sys.modules if name.startswith("tried_")]:
         del sys.modules[name]

@@ -10,7 +10,7 @@ import pytest
 from credit.config import files, registry, sweeps
 from credit.core.errors import UserError
 from credit.runs import job
-from credit.runs.runner import compose
+from credit.runs.composing import compose
 
 FILES = [
     pytest.param(name, marks=() if name == "table1" else pytest.mark.slow) for name in sorted(files.options("sweep"))

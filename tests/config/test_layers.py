@@ -12,7 +12,7 @@ from credit.config import files, kinds, registry
 from credit.config.layers import Layer
 from credit.core.errors import UserError
 from credit.runs import job
-from credit.runs.runner import compose
+from credit.runs.composing import compose
 
 Write = Callable[[str, str], None]
 MIXER = "_target_: credit.recovery.mixers.RelativeMSE\n"

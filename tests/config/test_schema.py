@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import pytest
 from annotated_types import Ge, Gt, Interval
 
-from credit.config import schema
+from credit.config import classes, schema
 from credit.core import signatures
 from credit.core.component import Component
 from credit.core.errors import UserError, nearest
@@ -123,7 +123,7 @@ def _announced(monkeypatch: pytest.MonkeyPatch) -> None:
     module.not_a_class = 3  # type: ignore[attr-defined]
     module.Order = Order  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, PACKAGE, module)
-    monkeypatch.setattr(schema, "allowed_packages", lambda: frozenset({"credit", PACKAGE}))
+    monkeypatch.setattr(classes, "allowed_packages", lambda: frozenset({"credit", PACKAGE}))
 
 
 def node(name: str, **values: Any) -> dict[str, Any]:

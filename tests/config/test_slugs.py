@@ -9,7 +9,7 @@ import pytest
 
 from credit.config import registry, slugs
 from credit.runs import job
-from credit.runs.runner import compose
+from credit.runs.composing import compose
 
 
 def slug(*words: str, dirs: tuple[str, ...] = ()) -> str:

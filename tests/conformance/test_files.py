@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from credit.config import files, schema
+from credit.config import classes, files
 from credit.config.identity import plain
 from credit.core import signatures
 from credit.testing import words
@@ -38,7 +38,7 @@ def written() -> dict[type, list[dict[str, Any]]]:
         kind, name = map(str, param.values)
         node = files.read(files.options(kind)[name])
         if "_target_" in node:
-            found.setdefault(schema.resolve(name, node), []).append(node)
+            found.setdefault(classes.resolve(name, node), []).append(node)
     return found
 
 

@@ -12,7 +12,7 @@ import pytest
 import yaml
 from torch import Tensor
 
-from credit.config import files, kinds, schema
+from credit.config import classes, files, kinds
 from credit.core.problem import Problem
 from credit.core.seams import Agent
 from credit.runs import job
@@ -31,7 +31,7 @@ MAIN = FIRST | {"block", "delayed_fair", "reference"}  # others are their parts 
 def composed(experiment: str, feedback: str, method: str) -> dict[str, Any]:
     """The whole configuration of a short run, with a window that is cut short where that may be."""
     config = short.composed(f"experiment={experiment}", f"feedback={feedback}", f"method={method}")
-    if schema.resolve("env", config["env"]).__name__ in short.SMALL:
+    if classes.resolve("env", config["env"]).__name__ in short.SMALL:
         steps = 4 * config["feedback"]["window"]
     else:
         steps = 25 * config["feedback"]["window"] // 2
@@ -182,7 +182,7 @@ def _classes(kind: str, name: str) -> list[type]:
     def walk(node: Any) -> None:
         if isinstance(node, Mapping):
             if "_target_" in node:
-                found.append(schema.resolve(kind, node))
+                found.append(classes.resolve(kind, node))
             for value in node.values():
                 walk(value)
 

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import pytest
 import torch
 
-from credit.config import files, kinds, registry, schema
+from credit.config import classes, files, kinds, registry
 from credit.core.errors import UserError
 from credit.recovery.bonuses import Count
 from credit.runs import checkpoint, job
@@ -30,7 +30,7 @@ WINDOWS = 9
 def composed(*overrides: str) -> dict[str, Any]:
     """The configuration of a short run: five rounds and a window that is cut short; not to be changed."""
     config = registry.compose(["tracking=none", *overrides])
-    if schema.resolve("env", config["env"]).__name__ in SMALL:
+    if classes.resolve("env", config["env"]).__name__ in SMALL:
         return short.composed(*overrides)
     window = config["feedback"]["window"]
     return config | {"trainer": config["trainer"] | ROUNDS | {"steps": WINDOWS * window + window // 2}}

@@ -10,7 +10,7 @@ import yaml
 
 import credit
 from credit import renamed
-from credit.config import files, kinds, registry, schema
+from credit.config import classes, files, kinds, registry
 from credit.config.identity import identity
 from credit.core.errors import UserError
 from credit.core.naming import registered_name
@@ -22,7 +22,7 @@ HERE = Path(__file__).parent / "before"
 WORDS = ["trainer.steps=210", "trainer.log_every=5", "tracking=none"]
 SLUG = "trainer.log_every=5,trainer.steps=210"
 CLASSES = [
-    (kind, schema.resolve(name, node))
+    (kind, classes.resolve(name, node))
     for kind in kinds.KINDS
     for name, path in files.options(kind).items()
     if "_target_" in (node := yaml.safe_load(path.read_text(encoding="utf-8")) or {})
@@ -69,7 +69,7 @@ def test_an_interrupted_run_is_refused_with_a_reason_and_nothing_is_lost(output:
 def test_every_class_that_was_registered_has_a_name_today() -> None:
     targets = [*renamed.CLASSES, "credit.bonuses.Count", "credit.rewards.table.TableModel", "credit.scaler.Standard"]
     for target in targets:
-        schema.resolve("old", {"_target_": renamed.today(target)})
+        classes.resolve("old", {"_target_": renamed.today(target)})
     assert renamed.today("credit.recovery.recovery.Recovery") == "credit.recovery.recovery.Recovery"
     assert renamed.today("somebody.elses.Part") == "somebody.elses.Part"
 

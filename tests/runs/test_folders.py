@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 
 import credit
-from credit.config import schema
+from credit.config import classes
 from credit.config.identity import namesakes
 from credit.core.errors import UserError
 from credit.core.naming import registered_name
 from credit.recovery.bonuses import Count
+from credit.runs.composing import compose
 from credit.runs.journal import read_json
 from credit.runs.resume import interrupted
-from credit.runs.runner import compose
 
 SHORT = ["method=adaptive_mse", "trainer.steps=70", "tracking=none"]
 
@@ -57,7 +57,7 @@ def test_two_classes_of_one_name_are_told_apart(monkeypatch: pytest.MonkeyPatch)
             raise UserError("it is gone")
         return known[node["_target_"]]
 
-    monkeypatch.setattr(schema, "resolve", resolve)
+    monkeypatch.setattr(classes, "resolve", resolve)
     nodes = {name: {"bonus": {"count": {"_target_": name}}} for name in (*known, "shop.gone.Season")}
     assert registered_name("shop.coarse", "Season") == registered_name("shop.fine", "Season") == "shop:season"
     two = ("shop.coarse.Season", "shop.fine.Season")

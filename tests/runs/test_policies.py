@@ -14,7 +14,7 @@ from torch import Tensor
 
 import credit
 from credit.agents.q_learning import QLearning
-from credit.config import schema
+from credit.config import classes, schema
 from credit.core.errors import UserError
 from credit.core.policy import Policy, TablePolicy
 from credit.runs import checkpoint, policies
@@ -109,7 +109,7 @@ class Mixed(Own):
 def test_agents_of_strangers(agent: type, reason: str, composed: Composed, tmp_path: Path) -> None:
     config = composed(*AGENTS["q"])
     config = {**config, "agent": {**config["agent"], "_target_": f"{__name__}.{agent.__name__}"}}
-    schema_of = schema.resolve
+    schema_of = classes.resolve
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
             schema, "resolve", lambda path, node: agent if path.endswith(agent.__name__) else schema_of(path, node)
