@@ -6,7 +6,6 @@ from typing import ClassVar
 
 import numpy as np
 import torch
-from scipy.optimize import nnls
 from torch import Tensor
 
 from credit.core.ranges import Positive
@@ -167,6 +166,8 @@ def stacked_weights(errors: Tensor) -> Tensor:
     target = torch.linalg.solve_triangular(factor, torch.ones_like(errors[..., :1]), upper=False)
     count = errors.shape[-1]
     matrices, vectors = factor.mT.reshape(-1, count, count).cpu().numpy(), target.reshape(-1, count).cpu().numpy()
+    from scipy.optimize import nnls  # half a second, for those that stack
+
     found = np.stack([nnls(matrix, vector)[0] for matrix, vector in zip(matrices, vectors, strict=True)])
     weights = torch.from_numpy(found / found.sum(-1, keepdims=True))
     return weights.view(errors.shape[:-1]).to(errors.device)
