@@ -40,6 +40,7 @@ BELOW: dict[str, set[str]] = {  # room → the rooms that it may import, beside 
     "testing": LOOP | READERS | {"config", "runs", "cli"},
     "renamed": set(),
     "api": {"core", "config", "runs", "report", "cli"},  # what commands do, from Python
+    "__main__": {"cli"},
     "": {"api", "runs", "envs.registration", "core"},  # credit/__init__.py: `credit.run`, and our Gymnasium ids
 }
 ONLY = {  # package → the rooms that know it

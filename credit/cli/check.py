@@ -8,9 +8,10 @@ from typing import Any
 
 import yaml
 
-from credit.cli.common import Words, help_text
+from credit.cli.common import CFG, PARTS, Words, help_text
 from credit.cli.main import guarded
 from credit.cli.train import checked_jobs, several
+from credit.config import registry
 from credit.core.errors import UserError
 
 EXPLAIN = "--explain"
@@ -19,10 +20,13 @@ WIDEST = 48  # letters of a column
 
 def main(argv: list[str]) -> int:
     """Print the resolved configuration of a job, where it comes from, or how many jobs of a sweep are right."""
-    words = Words.parse(argv, flags=("-m", "--multirun", EXPLAIN))
+    words = Words.parse(argv, flags=("-m", "--multirun", EXPLAIN, CFG))
     if words.help:
-        print(help_text("check", f"[-m | {EXPLAIN}] [group=option] [key=value] ...", words.config_dirs))
+        arguments = f"[-m | {EXPLAIN} | {CFG} {'|'.join(PARTS)}] [group=option] [key=value] ..."
+        print(help_text("check", arguments, words.config_dirs))
         return 0
+    if words.part:
+        return configuration(words)
     explain = EXPLAIN in words.flags
     words.flags = [flag for flag in words.flags if flag != EXPLAIN]
     multirun = several(words)
@@ -37,9 +41,27 @@ def main(argv: list[str]) -> int:
         print(explanation(*configs[0], words.config_dirs))
         print("# all right")
     else:
-        print(yaml.safe_dump(configs[0][0], sort_keys=False, allow_unicode=True), end="")
+        print(_yaml(configs[0][0]))
         print("# all right")
     return 0
+
+
+def configuration(words: Words) -> int:
+    """Print what `--cfg` asks for: the checked configuration of the job, Hydra's own part, or both.
+
+    Raises:
+        UserError: the words are wrong, or are those of a sweep.
+    """
+    if several(words):
+        raise UserError(f"{CFG} is of one job; leave out {' '.join(words.flags) or 'the sweep'}")
+    job = {} if words.part == "hydra" else checked_jobs(words, multirun=False)[0][0]
+    own = {} if words.part == "job" else {"hydra": registry.hydra_node(words.overrides, words.config_dirs)}
+    print(_yaml({**own, **job}))
+    return 0
+
+
+def _yaml(config: dict[str, Any]) -> str:
+    return yaml.safe_dump(config, sort_keys=False, allow_unicode=True).rstrip()
 
 
 def explanation(config: dict[str, Any], overrides: list[str], config_dirs: list[str]) -> str:

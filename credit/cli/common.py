@@ -9,15 +9,18 @@ from credit.cli.main import EXAMPLES
 from credit.config import files, kinds
 from credit.core.errors import UserError, nearest
 
+CFG, PARTS = "--cfg", ("job", "hydra", "all")  # Hydra's own option: print a part of the configuration, run nothing
+
 
 @dataclass
 class Words:
-    """A command line, sorted: overrides, flags, further folders of YAML files."""
+    """A command line, sorted: overrides, flags, further folders of YAML files, and the part that `--cfg` asks for."""
 
     overrides: list[str] = field(default_factory=list)
     flags: list[str] = field(default_factory=list)
     config_dirs: list[str] = field(default_factory=list)
     help: bool = False
+    part: str = ""
 
     @classmethod
     def parse(cls, argv: Sequence[str], flags: tuple[str, ...] = ()) -> Words:
@@ -36,6 +39,12 @@ class Words:
                 if not equals and not rest:
                     raise UserError(f"{word} needs a folder")
                 words.config_dirs.append(folder if equals else rest.pop(0))
+            elif CFG in flags and (word in (CFG, "-c") or word.startswith(f"{CFG}=")):
+                _, equals, words.part = word.partition("=")
+                if not equals:
+                    words.part = rest.pop(0) if rest else ""
+                if words.part not in PARTS:
+                    raise UserError(f"{CFG} {words.part}: expected one of {', '.join(PARTS)}")
             elif word in flags:
                 words.flags.append(word)
             elif word.startswith("-"):

@@ -13,14 +13,18 @@ from credit.core.version import __version__
 COMMANDS = {
     "train": ("[overrides]", "run one job; with -m a sweep over comma-separated values"),
     "resume": ("DIR", "finish a run or a sweep from its folder alone"),
+    "status": ("", "which commands run now, how far they are, and how the last ones ended"),
+    "runs": ("[filters]", "the runs of an output folder: list, filter, delete"),
     "compare": ("[overrides]", "tables, intervals and figures from finished runs"),
     "evaluate": ("RUN...", "what finished runs' policies are worth, also in a changed environment"),
     "play": ("RUN", "one episode of a run's policy, as text or as a video"),
     "list": ("[KIND]", "every registered component: name, one line, parameters with their defaults"),
+    "show": ("KIND=OPTION...", "what a method, an experiment or a part is: equations, parts, keys, differences"),
     "check": ("[overrides]", "compose and check a configuration, write nothing"),
     "new": ("KIND NAME", "a component of your own to start from: class, YAML, test and package"),
     "sync": ("[DIR]", "upload to MLflow what it lacks of earlier sessions"),
     "dashboard": ("", "MLflow's UI on the project's store, on 127.0.0.1"),
+    "completion": ("SHELL", "what lets bash, zsh or fish complete commands, options and keys"),
     "bench": ("[NAME]", "speed and memory against peers, as ratios within one run"),
 }
 EXAMPLES = """\

@@ -119,6 +119,7 @@ class Pulse:
     def __init__(self, board: Board, number: int, parent: Parent) -> None:
         self._board, self._number, self._parent = board, number, parent
         self._facts: dict[str, Any] = {"state": "running", "title": "", "steps": 0, "total": 0}
+        self._since: dict[str, float] | None = None  # from where on its pace is measured
         self._over = threading.Event()
         self._asked = False
         self._thread = threading.Thread(target=self._beat, name="pulse", daemon=True)
@@ -136,7 +137,8 @@ class Pulse:
 
     def progress(self, title: str, steps: int, total: int) -> None:
         """How far the job is; the title says what it has come to. Costs nothing: the thread writes."""
-        self._facts = {"state": "running", "title": title, "steps": steps, "total": total}
+        self._since = self._since or {"steps": steps, "time": time.time()}
+        self._facts = {"state": "running", "title": title, "steps": steps, "total": total, "since": self._since}
 
     def end(self, facts: dict[str, Any]) -> None:
         """The job ended: post it."""

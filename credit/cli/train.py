@@ -17,7 +17,7 @@ from typing import Any
 from rich.console import Console
 
 from credit.cli.board import Board
-from credit.cli.common import Words, help_text
+from credit.cli.common import CFG, PARTS, Words, help_text
 from credit.cli.follow import Follower, Job, counts, shown, status, table
 from credit.cli.main import guarded
 from credit.cli.task import BEAT, Parent, Task
@@ -30,10 +30,14 @@ SILENT = 30 * BEAT  # a job that has posted nothing for so long does not run any
 
 def main(argv: list[str]) -> int:
     """Check everything, then run, then say how it went, where the runs lie and what to type next."""
-    words = Words.parse(argv, flags=("-m", "--multirun"))
+    words = Words.parse(argv, flags=("-m", "--multirun", CFG))
     if words.help:
-        print(help_text("train", "[-m] [group=option] [key=value] ...", words.config_dirs))
+        print(help_text("train", f"[-m | {CFG} {'|'.join(PARTS)}] [group=option] [key=value] ...", words.config_dirs))
         return 0
+    if words.part:
+        from credit.cli.check import configuration
+
+        return configuration(words)
     multirun = several(words)
     if not multirun and (swept := [text for text in words.overrides if registry.is_sweep(text)]):
         raise UserError(f"{swept[0]!r} names several values: add -m to run a sweep, or give one")

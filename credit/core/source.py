@@ -43,6 +43,16 @@ def signature(target: str) -> dict[str, tuple[Any, Any]] | None:
         return None
 
 
+def documented(target: str) -> str | None:
+    """The docstring of a class of credit, without its indentation; None where it has to be imported to know."""
+    module, _, name = target.rpartition(".")
+    try:
+        found, there = _module(module).home(name)
+        return ast.get_docstring(found.classes[there])
+    except LookupError:
+        return None
+
+
 class _Module(dict[str, Any]):
     """What the names of a module mean, found out when they are asked for; a namespace for `eval`."""
 

@@ -17,12 +17,12 @@ import yaml
 
 from credit.core.errors import UserError
 from credit.renamed import translated
+from credit.runs.catalogue import HEADLINES
 from credit.runs.rows import JOURNAL, STEP, read_rows, require_columns, unusable
 
 if TYPE_CHECKING:
     from credit.runs.policies import KeptPolicy
 
-HEADLINES = ("regret/cumulative", "policy/error", "eval/success", "eval/return", "return/policy", "return/label")
 LONG = 30  # letters of a name in a line
 
 
