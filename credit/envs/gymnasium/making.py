@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import sys
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 import gymnasium
 
 from credit.core.errors import RAISED, UserError, nearest
+from credit.envs.mujoco import warn_once
 
 PACKAGES = {  # how an id begins → the package that registers it, which may not say so by itself
     "Adroit": "gymnasium_robotics",
@@ -33,6 +35,8 @@ def make(id: str, kwargs: Mapping[str, Any], max_steps: int | None, wrappers: Se
     """
     found = [wrapper(name) for name in wrappers]
     _import(id)
+    if _is_mujoco(id):
+        warn_once()
     try:
         env = gymnasium.make(id, max_episode_steps=max_steps, disable_env_checker=True, **kwargs)
         for cls in found:
@@ -68,6 +72,13 @@ def wrapper(name: str) -> Any:
         raise UserError(
             f"env.wrappers: there is no {name!r}; give a class of gymnasium.wrappers, or package.module:Class; {hint}"
         ) from None
+
+
+def _is_mujoco(id: str) -> bool:
+    """Whether an environment is made with MuJoCo, as far as can be told before it is made."""
+    spec = gymnasium.registry.get(id.rpartition(":")[2])
+    place = "" if spec is None else str(spec.entry_point)
+    return "mujoco" in sys.modules or any(name in place for name in ("mujoco", "gymnasium_robotics"))
 
 
 def _package(id: str) -> str | None:
