@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import importlib
+import os
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
 
 from credit.cli.output import surviving
 from credit.core.errors import UserError, nearest
@@ -52,6 +57,28 @@ def dispatched(words: list[str]) -> int:
         print(f"credit {__version__}")
         return 0
     return guarded(words[0], words[1:])
+
+
+@contextmanager
+def nothing_begun(command: str) -> Iterator[None]:
+    """As long as nothing is made, Ctrl-C ends the process at once.
+
+    Libraries that are being imported may swallow a KeyboardInterrupt, and the command would go on.
+    """
+
+    def end(number: int, frame: Any) -> None:
+        os.write(2, f"credit {command}: interrupted\n".encode())
+        os._exit(130)
+
+    usual = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if not usual or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    signal.signal(signal.SIGINT, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def guarded(command: str, words: Sequence[str]) -> int:

@@ -19,7 +19,7 @@ from rich.console import Console
 from credit.cli.board import Board
 from credit.cli.common import CFG, PARTS, Words, help_text
 from credit.cli.follow import Follower, Job, counts, shown, status, table
-from credit.cli.main import guarded
+from credit.cli.main import guarded, nothing_begun
 from credit.cli.task import BEAT, Parent, Task
 from credit.config import launchers, registry, sweeps
 from credit.core.errors import UserError
@@ -41,7 +41,9 @@ def main(argv: list[str]) -> int:
     multirun = several(words)
     if not multirun and (swept := [text for text in words.overrides if registry.is_sweep(text)]):
         raise UserError(f"{swept[0]!r} names several values: add -m to run a sweep, or give one")
-    jobs, console = checked_jobs(words, multirun), Console(stderr=True, highlight=False)
+    with nothing_begun("train"):
+        jobs = checked_jobs(words, multirun)
+    console = Console(stderr=True, highlight=False)
     ended, late, parents, session = computed(words, jobs, ["train", *argv], console, multirun)
     report(parents, jobs[0][0], late, None if ended == "FINISHED" else session)
     return 0 if ended == "FINISHED" else 1
