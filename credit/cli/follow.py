@@ -1,11 +1,9 @@
-"""What the terminal shows of the jobs of a command: a line when one ends, bars meanwhile, a table at the end."""
+"""What the terminal shows of the jobs of a command while they run: bars, and a line when one ends."""
 
 from __future__ import annotations
 
-import contextlib
-import math
 import threading
-from collections import Counter
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -13,16 +11,15 @@ from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.table import Table
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 from credit.cli.board import Board
+from credit.cli.outcome import Job, differing, duration, line
+from credit.runs.catalogue import progress_of
 
 EVERY = 0.25  # seconds between two looks at the board
-COLOURS = {"done": "green", "done before": "green", "failed": "red", "killed": "yellow", "not run": "yellow"}
+SAID_EVERY = 30.0  # seconds between two lines where there are no bars
 RUNNING_SHOWN = 8
-
-Job = tuple[dict[str, Any], list[str]]
 
 
 class Follower:
@@ -45,17 +42,19 @@ class Follower:
         self._said: set[int] = set()
         self._bars: dict[int, TaskID] = {}
         columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f}%"))
-        times = (TimeElapsedColumn(), TimeRemainingColumn())
+        times = (TimeElapsedColumn(), TextColumn("{task.fields[left]}"))
         self._progress = Progress(
             *columns, *times, console=console, transient=True, disable=not console.is_terminal, redirect_stdout=False
         )
+        self._differing = differing(jobs)
+        self._begun = self._last = time.monotonic()
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._follow, name="follower", daemon=True)
 
     def __enter__(self) -> Follower:
         self._progress.start()
         if len(self._jobs) > 1:
-            self._all = self._progress.add_task("jobs", total=len(self._jobs))
+            self._all = self._progress.add_task("jobs", total=len(self._jobs), left="")
         self._thread.start()
         return self
 
@@ -86,19 +85,46 @@ class Follower:
                 self._remove(number)
                 if number not in self._said:
                     self._said.add(number)
-                    self._console.print(line(facts, *self._jobs[number], self._log(number)), soft_wrap=True)
+                    self._last = time.monotonic()
+                    said = line(facts, self._jobs[number][0], self._differing[number], self._log(number))
+                    self._console.print(said, soft_wrap=True)
             elif number in self._bars or len(self._bars) < RUNNING_SHOWN:
                 self._show(number, facts)
+        share = self._share()
         if len(self._jobs) > 1:
-            self._progress.update(self._all, completed=len(self._said), description=f"{len(self._jobs)} jobs")
+            left = _left((time.monotonic() - self._begun) * (1 / share - 1)) if share else ""
+            self._progress.update(
+                self._all, completed=share * len(self._jobs), description=f"{len(self._jobs)} jobs", left=left
+            )
+        if not self._console.is_terminal and time.monotonic() - self._last >= SAID_EVERY:
+            self._last = time.monotonic()
+            self._console.print(escape(self._meanwhile(share)), soft_wrap=True)
+
+    def _share(self) -> float:
+        """How much of all jobs is done; those that run count by their steps."""
+        running = (facts for facts in self.facts.values() if facts["state"] == "running" and facts["total"])
+        return (len(self._said) + sum(facts["steps"] / facts["total"] for facts in running)) / len(self._jobs)
+
+    def _meanwhile(self, share: float) -> str:
+        """What a log is told every now and then."""
+        first = next((facts for facts in self.facts.values() if facts["state"] == "running"), None)
+        if len(self._jobs) == 1:
+            left = progress_of(first).left if first else None
+            name = first["title"] if first else "starting"
+        else:
+            left = (time.monotonic() - self._begun) * (1 / share - 1) if share else None
+            name = f"{len(self._said)} of {len(self._jobs)} jobs ended"
+        return f"running {name or 'starting'}: {share:.0%}" + (f", {_left(left)}" if left is not None else "")
 
     def _show(self, number: int, facts: dict[str, Any]) -> None:
         """The bar of a job that runs; its title says what it has come to."""
         title = facts["title"] or self._jobs[number][0]["title"]
-        total = facts["total"] or None
+        total, seconds = facts["total"] or None, progress_of(facts).left
         if number not in self._bars:
-            self._bars[number] = self._progress.add_task(escape(title), total=total)
-        self._progress.update(self._bars[number], completed=facts["steps"], total=total, description=escape(title))
+            self._bars[number] = self._progress.add_task(escape(title), total=total, left="")
+        left = "" if seconds is None else _left(seconds)
+        bar = self._bars[number]
+        self._progress.update(bar, completed=facts["steps"], total=total, description=escape(title), left=left)
 
     def _remove(self, number: int) -> None:
         if number in self._bars:
@@ -108,64 +134,5 @@ class Follower:
         return self._board.session / f"job-{number}.log"
 
 
-def line(facts: dict[str, Any], config: dict[str, Any], overrides: Sequence[str], log: Path) -> str:
-    """One line about a job that has just ended."""
-    name = escape(f"{facts['title']} on {config['experiment']}")
-    if facts["status"] == "KILLED":
-        return f"[yellow]killed[/yellow]  {name}: interrupted; the same command goes on with it"
-    if facts["status"] != "FINISHED":
-        where = f" (traceback: {shown(log)})" if log.exists() else ""
-        return f"[red]failed[/red]  {name}: {escape(facts['error'] + where)}"
-    if not facts["computed"]:
-        return f"[green]done[/green]    {name}: all {facts['skipped']} seeds were done before"
-    done = f", {facts['skipped']} already done" if facts["skipped"] else ""
-    resumed = f", {facts['resumed']} of them resumed" if facts["resumed"] else ""
-    numbers = {key: math.nan if value is None else value for key, value in facts["values"].items()}  # JSON has no NaN
-    values = ", ".join(f"{key} {value:.4g}" for key, value in numbers.items())
-    took = f"{facts['computed']} seeds in {facts['seconds']:.1f} s{resumed}{done}"
-    return f"[green]done[/green]    {name}: {took}. {escape(values)}"
-
-
-def status(facts: dict[str, Any] | None) -> str:
-    """How a job stands, in a word or two; None is one that never began."""
-    if facts is None:
-        return "not run"
-    if facts["state"] == "running" or facts["status"] == "KILLED":
-        return "killed"
-    if facts["status"] == "FAILED":
-        return "failed"
-    return "done" if facts["computed"] else "done before"
-
-
-def table(facts: dict[int, dict[str, Any]], jobs: Sequence[Job]) -> Table:
-    """All jobs with their status, and the words by which they differ."""
-    shared = set.intersection(*(set(overrides) for _, overrides in jobs))
-    shown_table = Table("job", "status", "method", "overrides", "seeds", "s", title_justify="left", box=None)
-    for number, (config, overrides) in enumerate(jobs):
-        job = facts.get(number)
-        word = status(job)
-        seeds = f"{config['seed']}–{config['seed'] + config['replicas'] - 1}"
-        differing = " ".join(text for text in overrides if text not in shared)
-        seconds = f"{job['seconds']:.1f}" if job and "seconds" in job else ""
-        status_cell = f"[{COLOURS[word]}]{word}[/]"
-        shown_table.add_row(str(number), status_cell, escape(config["title"]), escape(differing), seeds, seconds)
-    return shown_table
-
-
-def counts(facts: dict[int, dict[str, Any]], jobs: Sequence[Job]) -> list[str]:
-    """How many jobs ended how, and how many runs (seeds) were done before, resumed and run."""
-    words = Counter(status(facts.get(number)) for number in range(len(jobs)))
-    ended = [job for job in facts.values() if job.get("status") == "FINISHED"]
-    before, resumed = (sum(job[key] for job in ended) for key in ("skipped", "resumed"))
-    run = sum(job["computed"] for job in ended) - resumed
-    return [
-        "jobs     " + ", ".join(f"{words[word]} {word}" for word in COLOURS if words[word]),
-        f"seeds    {before} done before, {resumed} resumed, {run} run",
-    ]
-
-
-def shown(path: Path) -> Path:
-    """A path relative to the working folder where it lies inside it."""
-    with contextlib.suppress(ValueError):
-        return path.relative_to(Path.cwd())
-    return path
+def _left(seconds: float) -> str:
+    return f"{duration(seconds)} left"

@@ -8,6 +8,7 @@ from itertools import islice
 from pathlib import Path
 
 from credit.cli.main import guarded
+from credit.cli.outcome import duration
 from credit.cli.words import Reader, read_words, whole
 from credit.core.errors import UserError
 from credit.runs.catalogue import Progress, Session, sessions
@@ -25,7 +26,6 @@ READERS: dict[str, Reader] = {
     "output": ("output", Path, "a folder"),
     "last": ("last", whole(1), "a whole number, 1 or more"),
 }
-UNITS = ((86_400, "d"), (3_600, "h"), (60, "min"), (1, "s"))
 
 
 def main(argv: list[str]) -> int:
@@ -72,17 +72,6 @@ def running(progress: Progress) -> str:
     left = "" if progress.left is None else f", about {duration(progress.left)} left"
     share = progress.steps / progress.total
     return f"{progress.title}: {share:.0%} ({progress.steps:,} of {progress.total:,} steps{left})"
-
-
-def duration(seconds: float) -> str:
-    """A time in its two largest units."""
-    whole_seconds = round(seconds)
-    parts: list[str] = []
-    for size, unit in UNITS:
-        count, whole_seconds = divmod(whole_seconds, size)
-        if count or parts:
-            parts.append(f"{count} {unit}")
-    return " ".join(parts[:2]) or "0 s"
 
 
 if __name__ == "__main__":

@@ -18,9 +18,9 @@ from typing import Any
 import psutil
 
 from credit.cli.board import Board
+from credit.runs.headlines import HEADLINES
 
 BEAT = 1.0  # seconds between two looks at the command, and between two posts
-HEADLINES = ("regret/cumulative", "policy/error", "reward/mse", "eval/final", "eval/auc", "return/label")
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,12 @@ from rich.console import Console
 
 from credit.cli.board import Board
 from credit.cli.common import CFG, PARTS, Words, help_text
-from credit.cli.follow import Follower, Job, counts, shown, status, table
+from credit.cli.follow import Follower
 from credit.cli.main import guarded, nothing_begun
+from credit.cli.outcome import Job, counts, shown, status, table
 from credit.cli.task import BEAT, Parent, Task
 from credit.config import launchers, registry, sweeps
-from credit.core.errors import UserError
+from credit.core.errors import UnknownKey, UserError
 
 ATTEMPTS = 3  # how often a launcher is started that breaks: a worker that is killed for memory takes others with it
 SILENT = 30 * BEAT  # a job that has posted nothing for so long does not run any more
@@ -42,6 +43,7 @@ def main(argv: list[str]) -> int:
     if not multirun and (swept := [text for text in words.overrides if registry.is_sweep(text)]):
         raise UserError(f"{swept[0]!r} names several values: add -m to run a sweep, or give one")
     with nothing_begun("train"):
+        print("start    checking what was typed", file=sys.stderr, flush=True)
         jobs = checked_jobs(words, multirun)
     console = Console(stderr=True, highlight=False)
     ended, late, parents, session = computed(words, jobs, ["train", *argv], console, multirun)
@@ -121,7 +123,8 @@ def checked_jobs(words: Words, multirun: bool) -> list[Job]:
     for overrides in jobs:
         without: dict[str, str] = {}
         try:
-            config = compose(overrides, config_dirs=words.config_dirs, say=remarks.setdefault, idle=without.update)
+            idle = without.update if multirun else None
+            config = compose(overrides, config_dirs=words.config_dirs, say=remarks.setdefault, idle=idle)
         except UserError as error:
             problems.update(dict.fromkeys(str(error).splitlines()))
             continue
@@ -135,7 +138,11 @@ def checked_jobs(words: Words, multirun: bool) -> list[Job]:
         if word not in useful:
             from credit.runs import effects
 
-            problems |= dict.fromkeys(effects.said(word, slot, overrides, words.config_dirs).splitlines())
+            try:
+                said = effects.said(word, slot, overrides, words.config_dirs)
+            except UnknownKey as error:  # of a part that no job has
+                said = str(error)
+            problems |= dict.fromkeys(said.splitlines())
     if problems:
         raise UserError("\n".join(problems))
     for remark in remarks:

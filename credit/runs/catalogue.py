@@ -12,10 +12,10 @@ from statistics import fmean
 from typing import Any
 
 from credit.core.errors import UserError
+from credit.runs.headlines import HEADLINES
 from credit.runs.locks import Lock
 
 DONE, SUMMARY = "DONE", "summary.json"
-HEADLINES = ("regret/cumulative", "policy/error", "eval/success", "eval/return", "return/policy", "return/label")
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,6 @@ def sessions(output: Path) -> Iterator[Session]:
 
 
 def _session(folder: Path, facts: dict[str, Any]) -> Session:
-    now = time.time()
     alive = Lock(folder / ".lock").held_elsewhere()
     status = "running" if alive else STATUS.get(facts["status"], "killed")
     ended = dict[str, int]()
@@ -72,8 +71,8 @@ def _session(folder: Path, facts: dict[str, Any]) -> Session:
         if (word := STATUS.get(record["status"])) is not None:
             ended[word] = ended.get(word, 0) + 1
     posts = _records(folder / "now", "job-*.json") if alive else ()
-    running = tuple(_progress(post, now) for post in posts if post["state"] == "running")
-    end = now if alive else facts["finished"]
+    running = tuple(progress_of(post) for post in posts if post["state"] == "running")
+    end = time.time() if alive else facts["finished"]
     seconds = None if end is None else max(end - facts["started"], 0.0)
     return Session(facts["id"], facts["command"], status, facts["started"], seconds, len(facts["plan"]), ended, running)
 
@@ -84,7 +83,9 @@ def _records(folder: Path, pattern: str) -> Iterator[dict[str, Any]]:
             yield json.loads(file.read_text(encoding="utf-8"))
 
 
-def _progress(post: dict[str, Any], now: float) -> Progress:
+def progress_of(post: dict[str, Any]) -> Progress:
+    """How far a job is that has posted so."""
+    now = time.time()
     steps, total, since = post["steps"], post["total"], post.get("since")
     first, begun = (since["steps"], since["time"]) if since else (0, now)
     pace = (steps - first) / (now - begun) if now > begun else 0.0

@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from credit.config import registry, slugs
-from credit.config.kinds import CHOICES, KINDS
+from credit.config.kinds import CHOICES, KINDS, SLOTS
 from credit.core.errors import UnknownKey, UserError
 
 NAMED = {"experiment", "method"}  # words with nothing to check but that there is such an option
@@ -38,7 +38,13 @@ def compose(
     try:
         composed = registry.compose(overrides, config_dirs)
     except UserError as error:
-        raise UserError("\n".join(_wrong(error, overrides, config_dirs))) from None
+        unknown = _unknown(overrides, config_dirs)
+        slots = {text: text.lstrip("+").partition(".")[0] for text in unknown}
+        if idle and slots and {*slots.values()} <= SLOTS.keys():  # of a part that this job does not have
+            idle(slots)
+            others = [text for text in overrides if text not in slots]
+            return compose(others, config_dirs=config_dirs, say=say, idle=idle)
+        raise UserError("\n".join(_wrong(error, unknown, overrides, config_dirs))) from None
     from credit.runs import effects, folders
     from credit.runs import job as jobs  # all that runs: who mistypes a word does not wait for it
 
@@ -49,8 +55,8 @@ def compose(
     return named | {"slug": folders.named(named)}
 
 
-def _wrong(first: UserError, overrides: Sequence[str], config_dirs: Sequence[str]) -> list[str]:
-    """What is wrong with each word that cannot be composed, and with what the others come to; Hydra tells the first."""
+def _unknown(overrides: Sequence[str], config_dirs: Sequence[str]) -> dict[str, str]:
+    """Word → what is said of it, of all whose key nothing has; Hydra tells the first alone."""
     kept = [text for text in overrides if text.partition("=")[0].partition("@")[0] in {*KINDS, *CHOICES}]
     said: dict[str, str] = {}
     keys = [text for text in overrides if text not in kept]
@@ -63,13 +69,20 @@ def _wrong(first: UserError, overrides: Sequence[str], config_dirs: Sequence[str
         except UserError:  # what else is wrong may be for want of a word that comes later
             pass
         kept.append(text)
-    if not said:
+    return said
+
+
+def _wrong(
+    first: UserError, unknown: dict[str, str], overrides: Sequence[str], config_dirs: Sequence[str]
+) -> list[str]:
+    """What is wrong with each word that cannot be composed, and with what the others come to."""
+    if not unknown:
         return [str(first)]
-    others = [text for text in overrides if text not in said]
+    others = [text for text in overrides if text not in unknown]
     if {text.partition("=")[0] for text in others} <= NAMED:
-        return [*dict.fromkeys(said.values())]
+        return [*dict.fromkeys(unknown.values())]
     try:
         compose(others, config_dirs=config_dirs)
     except UserError as error:
-        return [*dict.fromkeys([*said.values(), str(error)])]
-    return [*dict.fromkeys(said.values())]
+        return [*dict.fromkeys([*unknown.values(), str(error)])]
+    return [*dict.fromkeys(unknown.values())]

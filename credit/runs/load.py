@@ -17,7 +17,7 @@ import yaml
 
 from credit.core.errors import UserError
 from credit.renamed import translated
-from credit.runs.catalogue import HEADLINES
+from credit.runs.headlines import HEADLINES
 from credit.runs.rows import JOURNAL, STEP, read_rows, require_columns, unusable
 
 if TYPE_CHECKING:

@@ -80,6 +80,8 @@ class Work:
                 progress(self._news, steps, trainer.total)
 
         try:
+            if progress and not trainer.rounds:  # which learns from all that was given: it may take minutes
+                progress(f"{self.job.title}, first round", 0, trainer.total)
             with signals.noted() if heed else nullcontext(stop) as stop:
                 trainer.run(self._note, show, lambda: self._between(stop))
             for index, seed in enumerate(self.group.seeds):

@@ -21,6 +21,20 @@ def test_jobs_of_a_sweep_in_which_a_word_has_no_effect_are_one(credit):
     ]
 
 
+def test_so_are_those_that_do_not_have_the_part_at_all(credit):
+    ended = credit("check", "-m", "method=random,reference", "bonus.count.scale=.1,.2", "tracking=none")
+    assert ended.code == 0, ended.err
+    assert ended.out.splitlines() == [
+        "method=random tracking=none",
+        "method=reference bonus.count.scale=0.1 tracking=none",
+        "method=reference bonus.count.scale=0.2 tracking=none",
+        "# 3 jobs, all right",
+    ]
+    refused = credit("check", "-m", "method=random,reference", "bonus.cuont.scale=.1", "tracking=none")
+    assert refused.code == 2
+    assert "did you mean 'count'?" in refused.err
+
+
 def test_a_run_from_python_refuses_what_has_no_effect():
     with pytest.raises(UserError, match=r"'mixer=best' has no effect: method=delayed uses no mixer"):
         compose(["method=delayed", "mixer=best", "tracking=none"])

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import io
+import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rich.console import Console
 
+from credit.cli import follow
 from credit.cli.board import Board
-from credit.cli.follow import line, table
+from credit.cli.outcome import Job, duration, line, table
+from credit.runs.catalogue import progress_of
 
 
 def test_a_metric_that_is_no_number_is_said_to_be_none(tmp_path: Path) -> None:
@@ -35,3 +39,53 @@ def test_a_title_is_shown_as_it_is(tmp_path: Path, title: str) -> None:
     console.print(table({0: facts}, [(config, [])]))
     assert shown.getvalue().count(title) == 3
     assert "a[b] 1" in shown.getvalue()
+
+
+def ended(value: float, metric: str = "regret/cumulative") -> dict[str, Any]:
+    counts = {"computed": 1, "skipped": 0, "resumed": 0, "seconds": 1.0}
+    return {"state": "ended", "status": "FINISHED", "title": "Mine", "values": {metric: value}, **counts}
+
+
+def shown(facts: dict[int, dict[str, Any]], jobs: list[Job]) -> list[str]:
+    text = io.StringIO()
+    Console(file=text, width=200, highlight=False).print(table(facts, jobs))
+    return [" ".join(row.split()) for row in text.getvalue().splitlines()]
+
+
+def job(*words: str) -> Job:
+    return {"experiment": "sepsis", "title": "Mine", "seed": 0, "replicas": 1}, ["method=mine", "replicas=1", *words]
+
+
+def test_the_table_has_the_main_metric_and_what_differs_the_best_first() -> None:
+    jobs = [job("mixer.alpha=.1"), job("mixer.alpha=.2"), job("mixer.alpha=.3")]
+    rows = shown({0: ended(5.0), 1: ended(3.0), 2: {**ended(0.0), "status": "FAILED", "values": {}}}, jobs)
+    assert rows[0] == "job status method differs by regret/cumulative seeds s"
+    assert rows[1:] == [
+        "1 done Mine mixer.alpha=.2 3 0–0 1.0",
+        "0 done Mine mixer.alpha=.1 5 0–0 1.0",
+        "2 failed Mine mixer.alpha=.3 0–0 1.0",
+    ]
+    returns = shown({0: ended(5.0, "eval/return"), 1: ended(3.0, "eval/return")}, jobs[:2])
+    assert [row.split()[0] for row in returns[1:]] == ["0", "1"]
+
+
+def test_a_log_is_told_now_and_then_how_far_all_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(follow, "SAID_EVERY", 0.0)
+    (tmp_path / "now").mkdir()
+    board, text = Board(tmp_path), io.StringIO()
+    board.post(0, ended(5.0))
+    board.post(1, {"state": "running", "title": "Mine", "steps": 10, "total": 40})
+    jobs = [job("seed=0"), job("seed=1")]
+    with follow.Follower(board, jobs, Console(file=text, width=200, highlight=False)):
+        pass
+    said = text.getvalue().splitlines()
+    assert said[0].startswith("done    Mine on sepsis (seed=0): 1 seeds in 1.0 s")
+    assert said[1].startswith("running 1 of 2 jobs ended: 62%, ")
+
+
+def test_a_job_whose_pace_is_known_says_when_it_ends() -> None:
+    post = {"title": "Mine", "steps": 100, "total": 400, "since": {"steps": 0, "time": time.time() - 60}}
+    left = progress_of(post).left
+    assert left is not None
+    assert duration(left) == "3 min 0 s"
+    assert progress_of({**post, "since": None}).left is None

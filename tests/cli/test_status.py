@@ -10,6 +10,7 @@ import pytest
 
 from credit.cli import status
 from credit.cli.board import Board
+from credit.cli.outcome import duration
 from credit.runs import catalogue
 from credit.runs.locks import Lock
 from credit.runs.session import Session
@@ -65,7 +66,7 @@ def test_sessions_come_newest_first_and_damaged_ones_are_left_out(credit, folder
     ("seconds", "said"), [(0.4, "0 s"), (61, "1 min 1 s"), (3725, "1 h 2 min"), (90_000, "1 d 1 h")]
 )
 def test_durations(seconds: float, said: str) -> None:
-    assert status.duration(seconds) == said
+    assert duration(seconds) == said
 
 
 def test_runs_are_listed_by_job_and_filtered(credit, folder: Path) -> None:
