@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import threading
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal
@@ -28,11 +29,14 @@ class Board:
         self._seen: dict[int, tuple[int, dict[str, Any]]] = {}  # number → when it was written, what it says
         self._lock = threading.Lock()
 
-    def clear(self, jobs: list[tuple[dict[str, Any], list[str]]]) -> None:
-        """Begin: what an earlier attempt left goes, and the (configuration, overrides) of every job are laid out."""
+    def clear(self) -> None:
+        """Begin: what an earlier attempt left goes."""
         shutil.rmtree(self._folder, ignore_errors=True)
         self._folder.mkdir()
-        for number, (config, overrides) in enumerate(jobs):
+
+    def lay(self, jobs: Mapping[int, tuple[dict[str, Any], list[str]]]) -> None:
+        """Lay out the (configuration, overrides) of jobs, for whoever runs them."""
+        for number, (config, overrides) in jobs.items():
             write_json(self._folder / f"plan-{number}.json", {"config": config, "overrides": overrides})
 
     def job(self, number: int) -> tuple[dict[str, Any], list[str]]:

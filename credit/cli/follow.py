@@ -6,7 +6,7 @@ import contextlib
 import math
 import threading
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -29,19 +29,24 @@ class Follower:
     """A thread that follows the board of a command, whatever its launcher.
 
     Args:
-        board: the board. jobs: configuration and overrides of every job. console: where lines and bars go.
-        news: what else the user should be told now, if anything.
+        board: the board. jobs: number → configuration and overrides of every job; more may come later.
+        console: where lines and bars go. news: what else the user should be told now, if anything.
+        total: how many jobs there will be; None is as many as there are. quiet: whether nothing is said of those that
+            end well.
     """
 
     def __init__(
         self,
         board: Board,
-        jobs: Sequence[Job],
+        jobs: Mapping[int, Job],
         console: Console,
         news: Callable[[], str | None] = lambda: None,
+        total: int | None = None,
+        quiet: bool = False,
     ) -> None:
         self.facts: dict[int, dict[str, Any]] = {}
         self._board, self._jobs, self._console, self._news = board, jobs, console, news
+        self._total, self._quiet = len(jobs) if total is None else total, quiet
         self._said: set[int] = set()
         self._bars: dict[int, TaskID] = {}
         columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f}%"))
@@ -54,8 +59,8 @@ class Follower:
 
     def __enter__(self) -> Follower:
         self._progress.start()
-        if len(self._jobs) > 1:
-            self._all = self._progress.add_task("jobs", total=len(self._jobs))
+        if self._total > 1:
+            self._all = self._progress.add_task("jobs", total=self._total)
         self._thread.start()
         return self
 
@@ -86,11 +91,12 @@ class Follower:
                 self._remove(number)
                 if number not in self._said:
                     self._said.add(number)
-                    self._console.print(line(facts, *self._jobs[number], self._log(number)), soft_wrap=True)
+                    if not (self._quiet and facts["status"] == "FINISHED"):
+                        self._console.print(line(facts, *self._jobs[number], self._log(number)), soft_wrap=True)
             elif number in self._bars or len(self._bars) < RUNNING_SHOWN:
                 self._show(number, facts)
-        if len(self._jobs) > 1:
-            self._progress.update(self._all, completed=len(self._said), description=f"{len(self._jobs)} jobs")
+        if self._total > 1:
+            self._progress.update(self._all, completed=len(self._said), description=f"{self._total} jobs")
 
     def _show(self, number: int, facts: dict[str, Any]) -> None:
         """The bar of a job that runs; its title says what it has come to."""
@@ -137,11 +143,11 @@ def status(facts: dict[str, Any] | None) -> str:
     return "done" if facts["computed"] else "done before"
 
 
-def table(facts: dict[int, dict[str, Any]], jobs: Sequence[Job]) -> Table:
+def table(facts: dict[int, dict[str, Any]], jobs: Mapping[int, Job]) -> Table:
     """All jobs with their status, and the words by which they differ."""
-    shared = set.intersection(*(set(overrides) for _, overrides in jobs))
+    shared = set.intersection(*(set(overrides) for _, overrides in jobs.values()))
     shown_table = Table("job", "status", "method", "overrides", "seeds", "s", title_justify="left", box=None)
-    for number, (config, overrides) in enumerate(jobs):
+    for number, (config, overrides) in jobs.items():
         job = facts.get(number)
         word = status(job)
         seeds = f"{config['seed']}–{config['seed'] + config['replicas'] - 1}"
@@ -152,9 +158,9 @@ def table(facts: dict[int, dict[str, Any]], jobs: Sequence[Job]) -> Table:
     return shown_table
 
 
-def counts(facts: dict[int, dict[str, Any]], jobs: Sequence[Job]) -> list[str]:
+def counts(facts: dict[int, dict[str, Any]], jobs: Mapping[int, Job]) -> list[str]:
     """How many jobs ended how, and how many runs (seeds) were done before, resumed and run."""
-    words = Counter(status(facts.get(number)) for number in range(len(jobs)))
+    words = Counter(status(facts.get(number)) for number in jobs)
     ended = [job for job in facts.values() if job.get("status") == "FINISHED"]
     before, resumed = (sum(job[key] for job in ended) for key in ("skipped", "resumed"))
     run = sum(job["computed"] for job in ended) - resumed

@@ -31,7 +31,7 @@ def expand(overrides: Sequence[str], config_dirs: Sequence[str] = ()) -> list[li
     named = [text for text in overrides if registry.is_sweep_file(text)]
     jobs: list[list[str]] = []
     for words in _words(named, config_dirs) if named else [[]]:
-        parsed = [_finite(registry.parse(text), text, config_dirs) for text in (*words, *typed)]
+        parsed = [finite(registry.parse(text), text, config_dirs) for text in (*words, *typed)]
         kept = [override for override in parsed if not override.key_or_group.startswith("hydra")]
         jobs += BasicSweeper.split_arguments(kept, max_batch_size=None)[0]
     return jobs
@@ -46,7 +46,7 @@ def _words(named: list[str], config_dirs: Sequence[str]) -> list[list[str]]:
     return [grid, *([*grid, *row.split()] for row in config["sweep"].get("rows", ()))]
 
 
-def _finite(override: Override, text: str, config_dirs: Sequence[str]) -> Override:
+def finite(override: Override, text: str, config_dirs: Sequence[str]) -> Override:
     """An override whose values can be counted: options that a pattern names are listed.
 
     Raises:

@@ -32,6 +32,6 @@ def test_a_title_is_shown_as_it_is(tmp_path: Path, title: str) -> None:
     console = Console(file=shown, width=200, highlight=False)
     for said in (facts, failed):
         console.print(line(said, config, [], tmp_path / "job-0.log"))
-    console.print(table({0: facts}, [(config, [])]))
+    console.print(table({0: facts}, {0: (config, [])}))
     assert shown.getvalue().count(title) == 3
     assert "a[b] 1" in shown.getvalue()

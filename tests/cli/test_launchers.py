@@ -191,7 +191,8 @@ def test_the_launcher_that_is_taken_where_none_was_chosen(monkeypatch):
 
 def test_the_board(tmp_path):
     board, other = Board(tmp_path), Board(tmp_path)
-    board.clear([({"seed": 3}, ["seed=3"])])
+    board.clear()
+    board.lay({0: ({"seed": 3}, ["seed=3"])})
     assert other.job(0) == ({"seed": 3}, ["seed=3"])
     assert board.read() == {}
     other.post(0, {"state": "running"})
@@ -202,7 +203,7 @@ def test_the_board(tmp_path):
     assert other.stopped() == "interrupted"
     board.end()
     assert other.stopped() == "interrupted"
-    board.clear([])
+    board.clear()
     assert other.stopped() == ""
 
 
