@@ -16,7 +16,7 @@ from credit.envs.registration import register_soon
 from credit.renamed import answer_old_imports
 
 if TYPE_CHECKING:
-    from credit.api import check, compare, list, sweep
+    from credit.api import check, compare, list, sweep, tune
     from credit.core.errors import UserError
     from credit.runs.evaluate import evaluate
     from credit.runs.load import Run, load
@@ -43,9 +43,10 @@ __all__ = [
     "resume",
     "run",
     "sweep",
+    "tune",
 ]
 _HOMES = {
-    **dict.fromkeys(("check", "compare", "list", "sweep"), "api"),
+    **dict.fromkeys(("check", "compare", "list", "sweep", "tune"), "api"),
     **dict.fromkeys(("Result", "compose", "run"), "runs.runner"),
     **dict.fromkeys(("Run", "load"), "runs.load"),
     "UserError": "core.errors",

@@ -12,6 +12,7 @@ from credit.core.version import __version__
 
 COMMANDS = {
     "train": ("[overrides]", "run one job; with -m a sweep over comma-separated values"),
+    "tune": ("[overrides]", "search for a method's best setting, and compare it with the default on other seeds"),
     "resume": ("DIR", "finish a run or a sweep from its folder alone"),
     "compare": ("[overrides]", "tables, intervals and figures from finished runs"),
     "evaluate": ("RUN...", "what finished runs' policies are worth, also in a changed environment"),
