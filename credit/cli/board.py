@@ -26,7 +26,7 @@ class Board:
     def __init__(self, session: Path) -> None:
         self.session = session
         self._folder = session / "now"
-        self._seen: dict[int, tuple[int, dict[str, Any]]] = {}  # number → when it was written, what it says
+        self._seen: dict[int, tuple[tuple[int, ...], dict[str, Any]]] = {}  # number → which file it was, what it says
         self._lock = threading.Lock()
 
     def clear(self) -> None:
@@ -54,9 +54,10 @@ class Board:
             for path in self._folder.glob("job-*.json"):
                 number = int(path.stem.partition("-")[2])
                 with suppress(OSError, ValueError):
-                    written = path.stat().st_mtime_ns
-                    if self._seen.get(number, (0, {}))[0] != written:
-                        self._seen[number] = written, json.loads(path.read_text(encoding="utf-8"))
+                    found = path.stat()  # two files may be of one moment: a clock ticks in milliseconds
+                    file = (found.st_mtime_ns, found.st_ino, found.st_size)
+                    if self._seen.get(number, ((), {}))[0] != file:
+                        self._seen[number] = file, json.loads(path.read_text(encoding="utf-8"))
             return {number: facts for number, (_, facts) in sorted(self._seen.items())}
 
     def stop(self, how: Stop) -> None:

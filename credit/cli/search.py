@@ -80,8 +80,6 @@ class Search:
         self.job = Facts.of(self.default)
         self.space = space.read(words.overrides, self.default, self._dirs)
         samplers.require(options.sampler, self.space)
-        self._require_corners()
-        self.metric, self.maximize = self._objective()
         self.name = options.study or f"{self.job.experiment}-{self.job.method}"
         self.reported = range(options.report_seed, options.report_seed + options.report_replicas)
         if both := {*self.job.seeds} & {*self.reported}:
@@ -90,6 +88,8 @@ class Search:
                 f"(report_seed={options.report_seed} report_replicas={options.report_replicas}), and a setting looks "
                 f"better than it is on the seeds that chose it; write report_seed={max(self.job.seeds) + 1}"
             )
+        self._require_corners()
+        self.metric, self.maximize = self._objective()
         self.words = Words(fixed, words.flags, words.config_dirs)
         self.launcher = launchers.choose(fixed, options.at_once, train.uses_gpu([(self.default, fixed)]), self._dirs)
         place(self.default)

@@ -163,6 +163,8 @@ def said(search: Search, found: Tuned) -> None:
         for sentence in sentences(found.comparison):
             console.print(sentence)
         console.print()
+    if "RUNNING" in states:
+        console.print("next     the same command goes on with what was interrupted", soft_wrap=True)
     for place, command in search.next(found).items():
         console.print(f"{place:<8} {command}", soft_wrap=True)
 

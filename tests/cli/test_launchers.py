@@ -207,6 +207,15 @@ def test_the_board(tmp_path):
     assert other.stopped() == ""
 
 
+def test_what_is_posted_in_the_same_moment_is_seen(tmp_path):
+    board, moment = Board(tmp_path), (1_000_000_000, 1_000_000_000)
+    board.clear()
+    for state in ("running", "ended"):
+        board.post(0, {"state": state})
+        os.utime(tmp_path / "now" / "job-0.json", ns=moment)
+        assert board.read() == {0: {"state": state}}
+
+
 def test_whether_the_command_is_gone():
     here = Parent()
     assert here.here()
