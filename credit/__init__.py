@@ -16,7 +16,7 @@ from credit.envs.registration import register_soon
 from credit.renamed import answer_old_imports
 
 if TYPE_CHECKING:
-    from credit.api import check, compare, list, sweep
+    from credit.api import check, compare, list, sweep, tune
     from credit.core.errors import UserError
     from credit.runs.composing import compose
     from credit.runs.evaluate import evaluate
@@ -44,9 +44,10 @@ __all__ = [
     "resume",
     "run",
     "sweep",
+    "tune",
 ]
 _HOMES = {
-    **dict.fromkeys(("check", "compare", "list", "sweep"), "api"),
+    **dict.fromkeys(("check", "compare", "list", "sweep", "tune"), "api"),
     **dict.fromkeys(("Result", "run"), "runs.runner"),
     **dict.fromkeys(("Run", "load"), "runs.load"),
     "UserError": "core.errors",

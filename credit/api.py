@@ -15,6 +15,7 @@ import pandas as pd
 from credit.core.errors import UserError, nearest
 
 if TYPE_CHECKING:
+    from credit.cli.search import Tuned
     from credit.report.compare import Report
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -135,6 +136,40 @@ def sweep(overrides: Sequence[str], *, config_dirs: Sequence[str] = (), quiet: b
     shared = set.intersection(*(set(typed) for _, typed in jobs))
     rows = [row for number, job in enumerate(jobs) for row in _rows(number, *job, shared)]
     return pd.DataFrame(rows).set_index(["job", "seed"])
+
+
+def tune(overrides: Sequence[str], *, config_dirs: Sequence[str] = (), quiet: bool = True, **choices: Any) -> Tuned:
+    """Search for the best setting on some seeds, and compare it with the default on others, as `credit tune` does.
+
+    Args:
+        overrides: as on the command line, some with an interval or several values: `["mixer.alpha=interval(.1,1)"]`.
+        config_dirs: further folders of YAML files. quiet: whether nothing is said of trials that end.
+        choices: trials, metric, sampler, at_once, timeout, report_seed, report_replicas, study.
+
+    Returns:
+        What was found: `best` (the words of the best setting), `trials` (a row a trial), `comparison` and `folder`.
+
+    Raises:
+        UserError: with what is wrong; or the study is one of something else.
+        KeyboardInterrupt: after Ctrl-C; the same call goes on with it.
+
+    Example:
+        >>> credit.tune(["method=disagreement", "mixer.alpha=interval(.1,1)", "replicas=5"], trials=20).best
+    """
+    from rich.console import Console
+
+    from credit.cli.common import Words
+    from credit.cli.tune import Options, prepared
+    from credit.config.registry import require_words
+
+    known = [*inspect.signature(Options).parameters]
+    if wrong := next((name for name in choices if name not in known), None):
+        raise UserError(f"tune has no choice {wrong!r}; {nearest(wrong, known)}")
+    require_words(overrides, config_dirs)
+    search = prepared(Words([*overrides], [], [*config_dirs]), Options(**choices))
+    argv = ["tune", *(f"--config-dir={folder}" for folder in config_dirs), *overrides]
+    with unchanged(THREADS):
+        return search.run(argv, Console(stderr=True, highlight=False, quiet=quiet))
 
 
 def _rows(number: int, config: dict[str, Any], typed: Sequence[str], shared: set[str]) -> Iterator[dict[str, Any]]:

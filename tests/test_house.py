@@ -2,6 +2,7 @@
 
 core  ◄  networks, planning, data  ◄  envs · recovery · rivals · agents · judges  ◄  trainer  ◄  runs  ◄  cli
          config, on core ◄ runs, cli        tracking, report: on run folders ◄ cli        bench, testing: all
+         tuning: Optuna's studies, on runs ◄ cli
          bridges, on core and encoders, for agents of other libraries        api: what commands do, from Python, on cli
 """
 
@@ -34,8 +35,9 @@ BELOW: dict[str, set[str]] = {  # room → the rooms that it may import, beside 
     "bridges": CORE | {"envs", "rivals"},  # for agents of other libraries: labels of environments, and rules
     "config": CORE,
     "runs": LOOP | {"config"},
+    "tuning": CORE | {"config", "runs"},
     **dict.fromkeys(READERS, CORE | {"runs"}),
-    "cli": LOOP | READERS | {"config", "runs", "bench", "testing"},
+    "cli": LOOP | READERS | {"config", "runs", "tuning", "bench", "testing"},
     "bench": LOOP | READERS | {"config", "runs", "cli", ""},  # the last: `credit` itself, as its users have it
     "testing": LOOP | READERS | {"config", "runs", "cli"},
     "renamed": set(),
@@ -50,6 +52,7 @@ ONLY = {  # package → the rooms that know it
     "mlflow": {"tracking", "bench"},
     "mujoco": {"envs", "report", "bench"},
     "stable_baselines3": {"bridges", "bench"},
+    "optuna": {"tuning"},
 }
 # What stands against the law today, each with its reason. A line whose import has gone must go, too.
 KNOWN = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import threading
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal
@@ -25,14 +26,17 @@ class Board:
     def __init__(self, session: Path) -> None:
         self.session = session
         self._folder = session / "now"
-        self._seen: dict[int, tuple[int, dict[str, Any]]] = {}  # number → when it was written, what it says
+        self._seen: dict[int, tuple[tuple[int, ...], dict[str, Any]]] = {}  # number → which file it was, what it says
         self._lock = threading.Lock()
 
-    def clear(self, jobs: list[tuple[dict[str, Any], list[str]]]) -> None:
-        """Begin: what an earlier attempt left goes, and the (configuration, overrides) of every job are laid out."""
+    def clear(self) -> None:
+        """Begin: what an earlier attempt left goes."""
         shutil.rmtree(self._folder, ignore_errors=True)
         self._folder.mkdir()
-        for number, (config, overrides) in enumerate(jobs):
+
+    def lay(self, jobs: Mapping[int, tuple[dict[str, Any], list[str]]]) -> None:
+        """Lay out the (configuration, overrides) of jobs, for whoever runs them."""
+        for number, (config, overrides) in jobs.items():
             write_json(self._folder / f"plan-{number}.json", {"config": config, "overrides": overrides})
 
     def job(self, number: int) -> tuple[dict[str, Any], list[str]]:
@@ -50,9 +54,10 @@ class Board:
             for path in self._folder.glob("job-*.json"):
                 number = int(path.stem.partition("-")[2])
                 with suppress(OSError, ValueError):
-                    written = path.stat().st_mtime_ns
-                    if self._seen.get(number, (0, {}))[0] != written:
-                        self._seen[number] = written, json.loads(path.read_text(encoding="utf-8"))
+                    found = path.stat()  # two files may be of one moment: a clock ticks in milliseconds
+                    file = (found.st_mtime_ns, found.st_ino, found.st_size)
+                    if self._seen.get(number, ((), {}))[0] != file:
+                        self._seen[number] = file, json.loads(path.read_text(encoding="utf-8"))
             return {number: facts for number, (_, facts) in sorted(self._seen.items())}
 
     def stop(self, how: Stop) -> None:

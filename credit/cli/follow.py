@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -26,19 +26,24 @@ class Follower:
     """A thread that follows the board of a command, whatever its launcher.
 
     Args:
-        board: the board. jobs: configuration and overrides of every job. console: where lines and bars go.
-        news: what else the user should be told now, if anything.
+        board: the board. jobs: number → configuration and overrides of every job; more may come later.
+        console: where lines and bars go. news: what else the user should be told now, if anything.
+        total: how many jobs there will be; None is as many as there are. quiet: whether nothing is said of those that
+            end well.
     """
 
     def __init__(
         self,
         board: Board,
-        jobs: Sequence[Job],
+        jobs: Mapping[int, Job],
         console: Console,
         news: Callable[[], str | None] = lambda: None,
+        total: int | None = None,
+        quiet: bool = False,
     ) -> None:
         self.facts: dict[int, dict[str, Any]] = {}
         self._board, self._jobs, self._console, self._news = board, jobs, console, news
+        self._total, self._quiet = len(jobs) if total is None else total, quiet
         self._said: set[int] = set()
         self._bars: dict[int, TaskID] = {}
         columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f}%"))
@@ -46,15 +51,14 @@ class Follower:
         self._progress = Progress(
             *columns, *times, console=console, transient=True, disable=not console.is_terminal, redirect_stdout=False
         )
-        self._differing = differing(jobs)
         self._begun = self._last = time.monotonic()
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._follow, name="follower", daemon=True)
 
     def __enter__(self) -> Follower:
         self._progress.start()
-        if len(self._jobs) > 1:
-            self._all = self._progress.add_task("jobs", total=len(self._jobs), left="")
+        if self._total > 1:
+            self._all = self._progress.add_task("jobs", total=self._total, left="")
         self._thread.start()
         return self
 
@@ -85,16 +89,17 @@ class Follower:
                 self._remove(number)
                 if number not in self._said:
                     self._said.add(number)
-                    self._last = time.monotonic()
-                    said = line(facts, self._jobs[number][0], self._differing[number], self._log(number))
-                    self._console.print(said, soft_wrap=True)
+                    if not (self._quiet and facts["status"] == "FINISHED"):
+                        self._last = time.monotonic()
+                        said = line(facts, self._jobs[number][0], differing(self._jobs)[number], self._log(number))
+                        self._console.print(said, soft_wrap=True)
             elif number in self._bars or len(self._bars) < RUNNING_SHOWN:
                 self._show(number, facts)
         share = self._share()
-        if len(self._jobs) > 1:
+        if self._total > 1:
             left = _left((time.monotonic() - self._begun) * (1 / share - 1)) if share else ""
             self._progress.update(
-                self._all, completed=share * len(self._jobs), description=f"{len(self._jobs)} jobs", left=left
+                self._all, completed=share * self._total, description=f"{self._total} jobs", left=left
             )
         if not self._console.is_terminal and time.monotonic() - self._last >= SAID_EVERY:
             self._last = time.monotonic()
@@ -103,17 +108,17 @@ class Follower:
     def _share(self) -> float:
         """How much of all jobs is done; those that run count by their steps."""
         running = (facts for facts in self.facts.values() if facts["state"] == "running" and facts["total"])
-        return (len(self._said) + sum(facts["steps"] / facts["total"] for facts in running)) / len(self._jobs)
+        return (len(self._said) + sum(facts["steps"] / facts["total"] for facts in running)) / self._total
 
     def _meanwhile(self, share: float) -> str:
         """What a log is told every now and then."""
         first = next((facts for facts in self.facts.values() if facts["state"] == "running"), None)
-        if len(self._jobs) == 1:
+        if self._total == 1:
             left = progress_of(first).left if first else None
             name = first["title"] if first else "starting"
         else:
             left = (time.monotonic() - self._begun) * (1 / share - 1) if share else None
-            name = f"{len(self._said)} of {len(self._jobs)} jobs ended"
+            name = f"{len(self._said)} of {self._total} jobs ended"
         return f"running {name or 'starting'}: {share:.0%}" + (f", {_left(left)}" if left is not None else "")
 
     def _show(self, number: int, facts: dict[str, Any]) -> None:

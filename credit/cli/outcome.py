@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +21,13 @@ SHOWN = 3  # metrics in a line
 Job = tuple[dict[str, Any], list[str]]
 
 
-def differing(jobs: Sequence[Job]) -> list[list[str]]:
+def differing(jobs: Mapping[int, Job]) -> dict[int, list[str]]:
     """The words of each job that not all jobs have, without the method, which its title tells."""
-    shared = set.intersection(*(set(overrides) for _, overrides in jobs))
-    return [
-        [text for text in overrides if text not in shared and not text.startswith("method=")] for _, overrides in jobs
-    ]
+    shared = set.intersection(*(set(overrides) for _, overrides in jobs.values()))
+    return {
+        number: [text for text in overrides if text not in shared and not text.startswith("method=")]
+        for number, (_, overrides) in jobs.items()
+    }
 
 
 def line(facts: dict[str, Any], config: dict[str, Any], words: Sequence[str], log: Path) -> str:
@@ -58,10 +59,10 @@ def status(facts: dict[str, Any] | None) -> str:
     return "done" if facts["computed"] else "done before"
 
 
-def table(facts: dict[int, dict[str, Any]], jobs: Sequence[Job]) -> Table:
+def table(facts: dict[int, dict[str, Any]], jobs: Mapping[int, Job]) -> Table:
     """All jobs: status, method, the words by which they differ, main metric; the best of each experiment first."""
     rows, words = [], differing(jobs)
-    for number, (config, _) in enumerate(jobs):
+    for number, (config, _) in jobs.items():
         job = facts.get(number)
         metric = main_of(found := _numbers(job) if job else {})
         value = found.get(metric or "", math.nan)
@@ -85,9 +86,9 @@ def _numbers(facts: dict[str, Any]) -> dict[str, float]:
     return {key: math.nan if value is None else value for key, value in facts.get("values", {}).items()}
 
 
-def counts(facts: dict[int, dict[str, Any]], jobs: Sequence[Job]) -> list[str]:
+def counts(facts: dict[int, dict[str, Any]], jobs: Mapping[int, Job]) -> list[str]:
     """How many jobs ended how, and how many runs (seeds) were done before, resumed and run."""
-    words = Counter(status(facts.get(number)) for number in range(len(jobs)))
+    words = Counter(status(facts.get(number)) for number in jobs)
     ended = [job for job in facts.values() if job.get("status") == "FINISHED"]
     before, resumed = (sum(job[key] for job in ended) for key in ("skipped", "resumed"))
     run = sum(job["computed"] for job in ended) - resumed

@@ -2,31 +2,22 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
 import shlex
-import signal
 import sys
-import threading
-import time
-from collections.abc import Iterator
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
-from credit.cli.board import Board
 from credit.cli.common import CFG, PARTS, Words, help_text
 from credit.cli.follow import Follower
+from credit.cli.launching import Begun
 from credit.cli.main import guarded, nothing_begun
-from credit.cli.outcome import Job, counts, shown, status, table
-from credit.cli.task import BEAT, Parent, Task
+from credit.cli.outcome import Job, counts, shown, table
 from credit.config import launchers, registry, sweeps
 from credit.core.errors import UnknownKey, UserError
-
-ATTEMPTS = 3  # how often a launcher is started that breaks: a worker that is killed for memory takes others with it
-SILENT = 30 * BEAT  # a job that has posted nothing for so long does not run any more
 
 
 def main(argv: list[str]) -> int:
@@ -63,42 +54,22 @@ def computed(
     Returns:
         The session's status, what is still to be uploaded, the folders of the runs, and that of the session.
     """
-    launcher = launchers.choose(words.overrides, len(jobs), uses_gpu(jobs), words.config_dirs)
-
-    from credit.config import schema
-    from credit.runs.job import Job as Facts
     from credit.runs.job import plan
     from credit.runs.runner import place
-    from credit.runs.session import Session
 
+    launcher = launchers.choose(words.overrides, len(jobs), uses_gpu(jobs), words.config_dirs)
+    numbered = dict(enumerate(jobs))
     parents = {place(config): None for config, _ in jobs}
-    first = jobs[0][0]
-    session = Session.begin(
-        Facts.of(first).folder,
-        "sweep" if multirun else "job",
-        first["experiment"],
-        argv,
-        first["tracking"],
-        [plan(config) for config, _ in jobs],
-        words.config_dirs,
-    )
-    board = Board(session.folder)
-    board.clear(jobs)
-    tracking = schema.build(first, "tracking")
-    tracking.start(session.folder, session.output)
-    follower, ended = Follower(board, jobs, console, tracking.news), "KILLED"
+    begun = Begun(words, launcher, argv, jobs[0][0], [plan(config) for config, _ in jobs], console, multirun)
     try:
-        with follower, stoppable(board, follower, console):
-            launch(launcher, jobs, session, board, follower, words.config_dirs)
-        stands = [status(follower.facts.get(number)) for number in range(len(jobs))]
-        ended = "FINISHED" if {*stands} <= {"done", "done before"} else "FAILED"
+        with begun:
+            stands = begun.launch(numbered)
+            begun.ended = "FINISHED" if {*stands.values()} <= {"done", "done before"} else "FAILED"
     finally:
         if multirun and told:
-            show(follower, jobs)
-        session.finish(ended)
-        late = drain(tracking, console)
-        board.end()
-    return ended, late, [*parents], session.folder
+            show(begun.follower, numbered)
+        late = begun.finish()
+    return begun.ended, late, [*parents], begun.session.folder
 
 
 def several(words: Words) -> bool:
@@ -157,67 +128,7 @@ def uses_gpu(jobs: list[Job]) -> bool:
     return any(device(config["device"]).type == "cuda" for config, _ in jobs)
 
 
-def launch(
-    launcher: list[str], jobs: list[Job], session: Any, board: Board, follower: Follower, config_dirs: list[str]
-) -> None:
-    """Hand the jobs to Hydra's launcher; if that breaks, hand it again those that have not ended."""
-    os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")  # of workers
-    trouble: dict[int, str] = {}
-    for _ in range(ATTEMPTS):
-        left = tuple(number for number in range(len(jobs)) if not follower.ended(number))
-        if not left or board.stopped():
-            break
-        task = Task(Path.cwd(), session.output, session.id, left, Parent())
-        place = {"session": session.id, "output": str(session.output)}
-        try:
-            errors = launchers.launch(task, len(left), launcher, place, config_dirs)
-        except Exception as error:  # whatever a launcher may raise when a worker or a node dies
-            trouble = dict.fromkeys(left, f"{type(error).__name__}: {str(error).strip().partition(os.linesep)[0]}")
-        else:
-            trouble = {left[index]: error for index, error in errors.items()}
-            break
-    if board.stopped() in ("interrupted", "now"):
-        raise KeyboardInterrupt
-    for number, reason in trouble.items():
-        if not follower.ended(number) and not board.stopped():
-            ended = {"state": "ended", "status": "FAILED", "title": jobs[number][0]["title"]}
-            board.post(number, ended | {"error": f"the launcher: {reason}"})
-
-
-@contextlib.contextmanager
-def stoppable(board: Board, follower: Follower, console: Console) -> Iterator[None]:
-    """Ctrl-C and SIGTERM: the jobs stop after a checkpoint; a second one ends all at once.
-
-    A job in this process hears the signal itself; workers are told by the board.
-    """
-    over = threading.Event()
-
-    def ended() -> None:
-        """Leave a launcher that waits for jobs which nobody will run."""
-        while any(time.time() - facts.get("beat", 0) < SILENT for facts in follower.running()):
-            if over.wait(BEAT):
-                return
-        if not over.wait(2 * BEAT):
-            signal.raise_signal(signal.SIGINT)
-
-    def stop(number: int, frame: Any) -> None:
-        if board.stopped() in ("interrupted", "now"):
-            board.stop("now")
-            raise KeyboardInterrupt
-        board.stop("interrupted")
-        console.print("stopping: jobs write a checkpoint first; once more ends them at once")
-        threading.Thread(target=ended, daemon=True).start()
-
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        over.set()
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def show(follower: Follower, jobs: list[Job]) -> None:
+def show(follower: Follower, jobs: Mapping[int, Job]) -> None:
     """The table of all jobs, and how many of each kind."""
     Console(width=max(100, Console().width), highlight=False).print(table(follower.facts, jobs))
     print("\n".join(counts(follower.facts, jobs)))
@@ -238,18 +149,6 @@ def report(parents: list[Any], config: dict[str, Any], late: str | None, failed:
         from credit.tracking.store import dashboard
 
         print(f"         {dashboard(Path(config['output']), config['tracking'].get('uri'))}")
-
-
-def drain(tracking: Any, console: Console) -> str | None:
-    """Wait for what is still to be uploaded."""
-    with console.status("MLflow") if console.is_terminal else contextlib.nullcontext() as status:
-
-        def progress(done: int, total: int) -> None:
-            if status is not None:
-                status.update(f"MLflow: {done} of {total} rows")
-
-        late: str | None = tracking.finish(timeout=120.0, on_progress=progress)
-    return late
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from credit.core.errors import UserError
+from credit.core.errors import UserError, nearest
 from credit.runs.intervals import GAP, SHARE, Bounds
 
 
@@ -79,6 +79,25 @@ RETURN_ROUNDS = (
     Measure("eval/auc_averaged", "AUC, averaged actor", "Mean return over the rounds", lower_is_better=False),
 )
 
+EVERY = (AVERAGED, WORTH, AVERAGED_WORTH, RETURN, *RETURN_ROUNDS, *SUCCESS_ROUNDS, *CONTINUING, *EPISODIC)
+
+
+def directed(key: str, metric: str) -> Measure:
+    """A metric of a seed by itself whose direction is known, whether or not any run has it.
+
+    Args:
+        key: what it was asked for by. metric: its name.
+
+    Raises:
+        UserError: there is none of that name.
+    """
+    named = {measure.metric: measure for measure in EVERY if not measure.per}
+    if metric not in named:
+        raise UserError(
+            f"{key}={metric}: there is none of that name whose direction is known; {nearest(metric, named)}"
+        )
+    return named[metric]
+
 
 def choose_measures(known: Sequence[str], experiment: str, metric: str | None = None) -> tuple[Measure, ...]:
     """The columns of a table, the primary one first: the others only get a mean and an error.
@@ -124,8 +143,7 @@ def known_measure(key: str, metric: str, known: Sequence[str]) -> Measure:
     Raises:
         UserError: there is none of that name.
     """
-    every = (AVERAGED, WORTH, AVERAGED_WORTH, RETURN, *RETURN_ROUNDS, *SUCCESS_ROUNDS, *CONTINUING, *EPISODIC)
-    named = {measure.metric: measure for measure in every}
+    named = {measure.metric: measure for measure in EVERY}
     named |= {measure.metric: measure for measure in (SUCCESS_ROUNDS if SUCCESS.metric in known else RETURN_ROUNDS)}
     found = {name: measure for name, measure in named.items() if {name, measure.per or name} <= {*known}}
     if metric not in found:

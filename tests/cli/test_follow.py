@@ -36,7 +36,7 @@ def test_a_title_is_shown_as_it_is(tmp_path: Path, title: str) -> None:
     console = Console(file=shown, width=200, highlight=False)
     for said in (facts, failed):
         console.print(line(said, config, [], tmp_path / "job-0.log"))
-    console.print(table({0: facts}, [(config, [])]))
+    console.print(table({0: facts}, {0: (config, [])}))
     assert shown.getvalue().count(title) == 3
     assert "a[b] 1" in shown.getvalue()
 
@@ -46,7 +46,7 @@ def ended(value: float, metric: str = "regret/cumulative") -> dict[str, Any]:
     return {"state": "ended", "status": "FINISHED", "title": "Mine", "values": {metric: value}, **counts}
 
 
-def shown(facts: dict[int, dict[str, Any]], jobs: list[Job]) -> list[str]:
+def shown(facts: dict[int, dict[str, Any]], jobs: dict[int, Job]) -> list[str]:
     text = io.StringIO()
     Console(file=text, width=200, highlight=False).print(table(facts, jobs))
     return [" ".join(row.split()) for row in text.getvalue().splitlines()]
@@ -57,7 +57,7 @@ def job(*words: str) -> Job:
 
 
 def test_the_table_has_the_main_metric_and_what_differs_the_best_first() -> None:
-    jobs = [job("mixer.alpha=.1"), job("mixer.alpha=.2"), job("mixer.alpha=.3")]
+    jobs = dict(enumerate([job("mixer.alpha=.1"), job("mixer.alpha=.2"), job("mixer.alpha=.3")]))
     rows = shown({0: ended(5.0), 1: ended(3.0), 2: {**ended(0.0), "status": "FAILED", "values": {}}}, jobs)
     assert rows[0] == "job status method differs by regret/cumulative seeds s"
     assert rows[1:] == [
@@ -65,7 +65,9 @@ def test_the_table_has_the_main_metric_and_what_differs_the_best_first() -> None
         "0 done Mine mixer.alpha=.1 5 0–0 1.0",
         "2 failed Mine mixer.alpha=.3 0–0 1.0",
     ]
-    returns = shown({0: ended(5.0, "eval/return"), 1: ended(3.0, "eval/return")}, jobs[:2])
+    returns = shown(
+        {0: ended(5.0, "eval/return"), 1: ended(3.0, "eval/return")}, {number: jobs[number] for number in (0, 1)}
+    )
     assert [row.split()[0] for row in returns[1:]] == ["0", "1"]
 
 
@@ -75,7 +77,7 @@ def test_a_log_is_told_now_and_then_how_far_all_is(tmp_path: Path, monkeypatch: 
     board, text = Board(tmp_path), io.StringIO()
     board.post(0, ended(5.0))
     board.post(1, {"state": "running", "title": "Mine", "steps": 10, "total": 40})
-    jobs = [job("seed=0"), job("seed=1")]
+    jobs = {0: job("seed=0"), 1: job("seed=1")}
     with follow.Follower(board, jobs, Console(file=text, width=200, highlight=False)):
         pass
     said = text.getvalue().splitlines()

@@ -191,7 +191,8 @@ def test_the_launcher_that_is_taken_where_none_was_chosen(monkeypatch):
 
 def test_the_board(tmp_path):
     board, other = Board(tmp_path), Board(tmp_path)
-    board.clear([({"seed": 3}, ["seed=3"])])
+    board.clear()
+    board.lay({0: ({"seed": 3}, ["seed=3"])})
     assert other.job(0) == ({"seed": 3}, ["seed=3"])
     assert board.read() == {}
     other.post(0, {"state": "running"})
@@ -202,8 +203,17 @@ def test_the_board(tmp_path):
     assert other.stopped() == "interrupted"
     board.end()
     assert other.stopped() == "interrupted"
-    board.clear([])
+    board.clear()
     assert other.stopped() == ""
+
+
+def test_what_is_posted_in_the_same_moment_is_seen(tmp_path):
+    board, moment = Board(tmp_path), (1_000_000_000, 1_000_000_000)
+    board.clear()
+    for state in ("running", "ended"):
+        board.post(0, {"state": state})
+        os.utime(tmp_path / "now" / "job-0.json", ns=moment)
+        assert board.read() == {0: {"state": state}}
 
 
 def test_whether_the_command_is_gone():

@@ -1,0 +1,1 @@
+"""Settings that are searched for: Optuna's spaces, samplers and store, with runs of credit as trials."""
