@@ -58,6 +58,7 @@ def computed(
     launcher = launchers.choose(words.overrides, len(jobs), uses_gpu(jobs), words.config_dirs)
 
     from credit.config import schema
+    from credit.runs.differing import labels
     from credit.runs.job import Job as Facts
     from credit.runs.job import plan
     from credit.runs.runner import place
@@ -73,6 +74,7 @@ def computed(
         first["tracking"],
         [plan(config) for config, _ in jobs],
         words.config_dirs,
+        labels([config for config, _ in jobs]),
     )
     board = Board(session.folder)
     board.clear(jobs)
@@ -219,19 +221,19 @@ def report(parents: list[Any], config: dict[str, Any], late: str | None, failed:
         print(f"next     mend what failed, then credit resume {shlex.quote(str(shown(failed)))}")
     else:
         print(f"next     credit compare experiment={config['experiment']}{elsewhere}")
-    if config["tracking"]["_target_"] != "credit.tracking.NoTracking":
-        from credit.tracking.store import dashboard
+    from credit.config import schema
 
-        print(f"         {dashboard(Path(config['output']), config['tracking'].get('uri'))}")
+    if look := schema.build(config, "tracking").look(Path(config["output"])):
+        print(f"         {look}")
 
 
 def drain(tracking: Any, console: Console) -> str | None:
     """Wait for what is still to be uploaded."""
-    with console.status("MLflow") if console.is_terminal else contextlib.nullcontext() as status:
+    with console.status("tracking") if console.is_terminal else contextlib.nullcontext() as status:
 
         def progress(done: int, total: int) -> None:
             if status is not None:
-                status.update(f"MLflow: {done} of {total} rows")
+                status.update(f"tracking: {done} of {total} rows")
 
         late: str | None = tracking.finish(timeout=120.0, on_progress=progress)
     return late

@@ -29,7 +29,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Upload:
-    """What MLflow shall hold of one run: card, rows beyond a step, status, end (epoch seconds), files, notes.
+    """What MLflow shall hold of one run: card, rows beyond a step, status, end (epoch seconds), files, error.
 
     `folder` is the run folder of a seed: whichever session fills it, it is one run.
     """
@@ -42,5 +42,5 @@ class Upload:
     finished: float | None = None
     files: Sequence[Path] = ()
     texts: tuple[tuple[str, str], ...] = ()
-    note: str | None = None
+    error: str | None = None
     folder: Path | None = None

@@ -94,7 +94,7 @@ class FakeJob:
             "config": {
                 "method": method,
                 "seed": self.seeds[0],
-                "env": {"size": 10, "noise": None},
+                "env": {"_target_": "credit.envs.advertiser.environment.Advertiser", "size": 10, "noise": None},
                 "on": True,
             },
             "overrides": [f"method={method}"],
