@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -11,6 +12,7 @@ from credit.core.naming import flat, short_keys
 
 _TITLE = "title"  # of tables: the method says it, too
 _SAMPLE = ("seed", "replicas")  # these are circumstances of a run, but tell jobs apart
+_ZERO = re.compile(r"(?<![\d.])0(?=\.\d)")  # before a point, where .3 says as much
 
 Label = dict[str, Any]
 
@@ -27,7 +29,7 @@ def parameters(config: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def labels(configs: Sequence[Mapping[str, Any]]) -> list[Label]:
-    """For each job, what tells it from the others: experiment, method, and what jobs of these differ in.
+    """For each job, what tells it from the others: what jobs of its experiment and method differ in, then these.
 
     Args:
         configs: of all jobs, checked.
@@ -42,23 +44,23 @@ def labels(configs: Sequence[Mapping[str, Any]]) -> list[Label]:
     for one, kind in zip(every, kinds, strict=True):
         alike = [other for other, its in zip(every, kinds, strict=True) if its == kind]
         own = [key for key in one if key not in names and _differs(key, alike)]
-        found.append({key: one[key] for key in (*names, *own)})
+        found.append({key: one[key] for key in (*own, *names)})
     return found
 
 
 def name(label: Label, others: Iterable[Label]) -> str:
-    """A label in a line: names as they are, `key=value` behind them, keys as short as can be.
+    """A label in a line, for lists that show its first letters: what was varied as short as can be, then the names.
 
     Args:
         label: of one job. others: of all jobs, itself included.
 
     Example:
-        >>> name({"method": "reference", "mixer.alpha": 0.3}, [{"method": "reference", "mixer.alpha": 0.3}])
-        'reference alpha=0.3'
+        >>> name({"mixer.alpha": 0.3, "method": "reference"}, [{"mixer.alpha": 0.3, "method": "reference"}])
+        'alpha=.3 reference'
     """
     short = short_keys(key for other in others for key in other)
     words = [
-        str(value) if key in ("experiment", "method") else f"{short[key]}={typed(value)}"
+        str(value) if key in ("experiment", "method") else f"{short[key]}={re.sub(_ZERO, '', typed(value))}"
         for key, value in label.items()
     ]
     return " ".join(words)

@@ -23,7 +23,7 @@ COLOURS = {
 }
 TINT = 0.55
 GOLDEN = 0.381966  # of the circle of hues: any number of steps leaves the neighbours as far apart as can be
-SHADES = ((0.42, 0.85), (0.60, 0.62), (0.30, 0.70))  # lightness and saturation, in turn
+SHADES = ((0.44, 0.90), (0.66, 0.65), (0.28, 0.75), (0.55, 0.45), (0.36, 0.50))  # lightness, saturation, in turn
 
 
 def tint(colour: str) -> str:

@@ -27,7 +27,8 @@ Json = Mapping[str, Any]
 class RunCard:
     """The face of one run in a tracker: its name, when it started (epoch seconds), tags and flat parameters.
 
-    `description` says what it is, in Markdown; `differing` has what tells a job from the others of its session.
+    `description` says what it is, in Markdown; `differing` has what tells a job from the others of its session;
+    `job` is the name of its job, where it is a seed.
     """
 
     name: str
@@ -36,6 +37,7 @@ class RunCard:
     params: dict[str, str]
     description: str = ""
     differing: dict[str, Any] = field(default_factory=dict)
+    job: str = ""
 
 
 def shown_parameters(config: Json) -> dict[str, str]:
@@ -78,10 +80,10 @@ def seed_card(session: Json, job: Json, seed: int, parent: str | None) -> RunCar
     tags = _common(session) | _of_job(session, job, parent) | {"level": "seed", "seed": seed}
     tags |= {f"data.{name}": digests[str(seed)] for name, digests in job.get("data", {}).items()}
     tags[COLOUR] = tint(tags[COLOUR])
-    folder = job["folders"][job["seeds"].index(seed)]
-    text = f"Seed {seed} of **{_name(session, job)}** on `{job['experiment']}`, in `{folder}`."
+    folder, name = job["folders"][job["seeds"].index(seed)], _name(session, job)
+    text = f"Seed {seed} of **{name}** on `{job['experiment']}`, in `{folder}`."
     shown = shown_parameters(job["config"]) | {"seed": str(seed)}
-    return RunCard(f"seed-{seed}", job["started"], _text(tags), shown, text, _label(session, job))
+    return RunCard(f"seed-{seed}", job["started"], _text(tags), shown, text, _label(session, job), name)
 
 
 def failure(description: str, error: str) -> str:

@@ -31,6 +31,7 @@ class Entry:
 class Upload:
     """What MLflow shall hold of one run: card, rows beyond a step, status, end (epoch seconds), files, error.
 
+    `picture` draws, in SVG, what came out, once the run has ended.
     `folder` is the run folder of a seed: whichever session fills it, it is one run.
     """
 
@@ -42,5 +43,6 @@ class Upload:
     finished: float | None = None
     files: Sequence[Path] = ()
     texts: tuple[tuple[str, str], ...] = ()
+    picture: Callable[[], str | None] = lambda: None
     error: str | None = None
     folder: Path | None = None

@@ -20,6 +20,7 @@ SHOWN = ("regret/cumulative", "policy/error", "eval/success", "reward/mse", "ret
 OPEN_SECTIONS = ("regret", "policy", "eval", "reward", "return", "weight", "best", "optimizer", "time")
 FOLDED_SECTIONS = ("interval", "report")
 PARALLEL, AXES = "credit-parallel", 6  # of what differs, as many as can be read
+NAME, WHEN = "attributes.`Run Name`", "runDateAndNestInfo"  # columns that are always there
 PAGE = 100  # runs that MLflow's UI loads at first
 _SETTINGS = {
     "mlflow.workflowType_v1": "machine_learning",
@@ -116,11 +117,17 @@ def _view(sweep: str | None, hidden: Iterable[str], jobs: list[Run]) -> dict[str
         "compareRunSections": sections,
         "isAccordionReordered": True,
     }
-    columns = [*(f"metrics.`{metrics[0]}`" for metrics in shown), *(f"params.`{key}`" for key in differing)]
+    measured = list(dict.fromkeys(f"metrics.`{metrics[0]}`" for metrics in shown))
+    columns = [*measured[:1], *(f"params.`{key}`" for key in differing), *measured[1:]]
+    letters = max(len(str(run.info.run_name)) for run in newest)
     return {
         "first": first,
         "session": jobs[0].data.tags["session"],
-        "sweep": {"selectedColumns": list(dict.fromkeys(columns)), "columnOrder": [], "columnWidths": {}},
+        "sweep": {
+            "selectedColumns": columns,
+            "columnOrder": [NAME, WHEN, *columns],
+            "columnWidths": {NAME: min(90 + 7 * letters, 480), WHEN: 150} | {key: 7 * len(key) for key in columns},
+        },
         "parallel": PARALLEL,
         "expanded": {sweep: True} if sweep else {},
         "visible": dict.fromkeys(hidden, False),

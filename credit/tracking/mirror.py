@@ -20,6 +20,7 @@ from credit.tracking.describe import job_card, seed_card, sweep_card
 from credit.tracking.entries import Upload
 from credit.tracking.ledger import ledger_of
 from credit.tracking.notes import Note, one_at_a_time
+from credit.tracking.picture import recovery_picture
 from credit.tracking.sessions import Seeds, attempt, ledger_file
 from credit.tracking.store import kind_of
 
@@ -146,6 +147,7 @@ class Mirror:
             key = f"{number}/{seed}"
             with one_at_a_time(folder):
                 summary = _summary(folder)
+                journal.follow()  # what says that it is finished was written behind its last row
                 if not self._owns(key, folder, summary, session["id"], running):
                     self._ledger.forget(key)
                     self._waiting.pop(key, None)
@@ -174,6 +176,7 @@ class Mirror:
                 rows=journal.beyond,
                 status=end["status"],
                 finished=end["finished"],
+                picture=partial(recovery_picture, folder / "recovery.npz"),
                 files=[folder / name for name in SEED_FILES if (folder / name).exists()],
                 folder=folder,
             )

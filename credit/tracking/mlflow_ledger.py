@@ -106,6 +106,8 @@ class MLflowLedger(Ledger):
                 client.set_tag(entry.id, NOTE_TAG, _note_of(run))
             for file in run.files:
                 client.log_artifact(entry.id, str(file))
+            if picture := run.picture():
+                client.log_text(entry.id, picture, "recovery.svg")
             if run.status == "RUNNING":
                 client.update_run(entry.id, status="RUNNING")
             else:

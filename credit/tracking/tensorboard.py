@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 import struct
 from collections.abc import Iterable, Iterator
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.request import pathname2url
 
+from credit.core.naming import LONGEST
 from credit.tracking.curves import Row
 from credit.tracking.entries import Upload
 from credit.tracking.ledger import Appending, Ledger
@@ -45,6 +47,12 @@ class TensorBoardTracking(Mirrored):
 
 class TensorBoardLedger(Appending):
     """One file of events a run, which only grows."""
+
+    def name(self, run: Upload) -> str:
+        """A folder that is called as the job is, since TensorBoard shows folders; its seeds stand beside it."""
+        number, _, seed = run.key.partition("/")
+        job = re.sub(r"[^\w.=,+-]+", " ", run.card.job or run.card.name)[:LONGEST]
+        return f"{run.experiment}/{self._session}/{number} {job}{f' {run.card.name}' if seed else ''}"
 
     def begin(self, run: Upload, identity: str) -> int:
         """The last step in the file; what a kill cut short behind it is cut off."""

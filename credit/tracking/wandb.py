@@ -79,7 +79,7 @@ class WandbLedger(Appending):
             **self._options,
             dir=self._folder.parent,
             id=identity,
-            name=card.name if tags["level"] == "job" else f"{card.name} of {tags['job']}",
+            name=f"{card.job} {card.name}".strip(),
             group=tags["session"],
             job_type=tags["level"],
             tags=[run.experiment, tags["method"]],

@@ -32,7 +32,12 @@ def test_parameters_have_registered_names_and_no_circumstances() -> None:
 
 def test_a_name_says_what_differs_and_nothing_else() -> None:
     jobs = [config(alpha=alpha, scale=scale) for alpha in (0.1, 0.3) for scale in (0.2, 0.35)]
-    assert names(*jobs) == ["scale=0.2 alpha=0.1", "scale=0.35 alpha=0.1", "scale=0.2 alpha=0.3", "scale=0.35 alpha=0.3"]
+    assert names(*jobs) == [
+        "scale=.2 alpha=.1",
+        "scale=.35 alpha=.1",
+        "scale=.2 alpha=.3",
+        "scale=.35 alpha=.3",
+    ]
 
 
 def test_methods_alone_are_their_names() -> None:
@@ -42,14 +47,14 @@ def test_methods_alone_are_their_names() -> None:
 def test_a_method_of_one_job_says_nothing_of_what_others_vary() -> None:
     assert names(config("reference"), config(alpha=0.1), config(alpha=0.3)) == [
         "reference",
-        "disagreement alpha=0.1",
-        "disagreement alpha=0.3",
+        "alpha=.1 disagreement",
+        "alpha=.3 disagreement",
     ]
 
 
 def test_keys_of_one_end_keep_what_tells_them_apart() -> None:
     found = labels([config(scale=0.1, env={"scale": 1}), config(scale=0.2, env={"scale": 2})])
-    assert name(found[0], found) == "count.scale=0.1 env.scale=1"
+    assert name(found[0], found) == "count.scale=.1 env.scale=1"
 
 
 def test_a_job_alone_differs_from_nothing_and_seeds_tell_apart() -> None:

@@ -58,7 +58,7 @@ def test_a_sweep_has_jobs_and_a_job_has_seeds(session: FakeSession, store: Store
     assert seed.data.tags["mlflow.parentRunId"] == methods["delayed/delayed"].info.run_id
     assert (seed.data.tags["seed"], seed.data.params["seed"]) == ("2", "2")
     assert store.curve(seed, "regret/cumulative") == [(7, 6.0, 0.75), (14, 9.0, 1.0)]
-    assert store.files(seed) == {"config.yaml", "summary.json", "recovery.npz"}
+    assert store.files(seed) == {"config.yaml", "summary.json", "recovery.npz", "recovery.svg"}
     every = [sweep, *methods.values(), *seeds.values()]
     assert {run.info.status for run in every} == {"FINISHED"}
 
