@@ -20,7 +20,7 @@ LOW, MIDDLE, HIGH = (0x00, 0x72, 0xB2), (0xF7, 0xF7, 0xF7), (0xD5, 0x5E, 0x00)  
 
 
 def recovery_picture(file: Path) -> str | None:
-    """Panels of rewards, weights, MSE proxies and bonuses in every cell.
+    """Panels of rewards, weights, MSE proxies and bonuses: states down, actions across, one scale for each kind.
 
     Args:
         file: a run's `recovery.npz`.
@@ -37,17 +37,24 @@ def recovery_picture(file: Path) -> str | None:
         names = [name for start in ROWS for name in arrays if name.startswith(start) and arrays[name].shape == shape]
         tables = {name: np.asarray(arrays[name], dtype=np.float64) for name in dict.fromkeys(names)}
     width, height = ACROSS * (SIDE + GAP) + GAP, -(-len(tables) // ACROSS) * (SIDE + HEAD + GAP) + GAP
-    parts = [_panel(name, table, number) for number, (name, table) in enumerate(tables.items())]
+    kinds = {name: name.partition("/")[0] for name in tables}
+    largest = {kind: max(_largest(tables[name]) for name in tables if kinds[name] == kind) for kind in kinds.values()}
+    drawn = {name: _coloured(table, largest[kinds[name]]) for name, table in tables.items()}
+    parts = [_panel(name, tables[name], drawn[name], number) for number, name in enumerate(tables)]
     head = f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" font-family="sans-serif">'
     return "\n".join([head, '<rect width="100%" height="100%" fill="white"/>', *parts, "</svg>"])
 
 
-def _panel(name: str, table: Array, number: int) -> str:
+def _largest(table: Array) -> float:
+    return float(np.abs(table[np.isfinite(table)]).max(initial=0.0))
+
+
+def _panel(name: str, table: Array, colours: NDArray[np.uint8], number: int) -> str:
     left = GAP + number % ACROSS * (SIDE + GAP)
     top = GAP + number // ACROSS * (SIDE + HEAD + GAP)
     known = table[np.isfinite(table)]
     span = f"{known.min():.3g} … {known.max():.3g}" if known.size else ""
-    image = base64.b64encode(_png(_coloured(table))).decode()
+    image = base64.b64encode(_png(colours)).decode()
     return (
         f'<text x="{left}" y="{top + 12}" font-size="12">{escape(name)}</text>'
         f'<text x="{left}" y="{top + 26}" font-size="10" fill="#666">{span}</text>'
@@ -56,11 +63,10 @@ def _panel(name: str, table: Array, number: int) -> str:
     )
 
 
-def _coloured(table: Array) -> NDArray[np.uint8]:
-    """Colours [rows, columns, 3] of values around 0; what is not known is grey."""
+def _coloured(table: Array, largest: float) -> NDArray[np.uint8]:
+    """Colours [rows, columns, 3] of values around 0; `largest` is the full shade, what is not known is grey."""
     known = np.isfinite(table)
-    largest = np.abs(table[known]).max(initial=0.0) or 1.0
-    share = np.where(known, table, 0.0) / largest
+    share = np.where(known, table, 0.0) / (largest or 1.0)
     ends = np.where(share[..., None] < 0, LOW, HIGH)
     colours = MIDDLE + np.abs(share)[..., None] * (ends - np.array(MIDDLE))
     return np.where(known[..., None], colours, 0xC0).astype(np.uint8)

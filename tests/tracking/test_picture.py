@@ -29,6 +29,6 @@ def test_without_tables_there_is_none(tmp_path: Path) -> None:
 
 
 def test_below_and_above_zero_are_told_apart() -> None:
-    below, nothing, above, unknown = _coloured(np.array([[-1.0, 0.0, 1.0, np.nan]]))[0].tolist()
+    below, nothing, above, unknown = _coloured(np.array([[-1.0, 0.0, 1.0, np.nan]]), 1.0)[0].tolist()
     assert (below[2] > below[0], nothing[0] == nothing[2], above[0] > above[2]) == (True, True, True)
     assert unknown == [0xC0] * 3
