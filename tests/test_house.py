@@ -50,6 +50,8 @@ ONLY = {  # package → the rooms that know it
     "hydra_plugins": {"config", "cli"},
     "omegaconf": {"config", "cli"},
     "mlflow": {"tracking", "bench"},
+    "tensorboard": {"tracking"},
+    "wandb": {"tracking"},
     "mujoco": {"envs", "report", "bench"},
     "stable_baselines3": {"bridges", "bench"},
     "optuna": {"tuning"},
@@ -64,7 +66,7 @@ KNOWN = {
     ("report.pointmaze.tracks", "envs.pointmaze.maze"): "tracks lie in its cells",
 }
 LIGHT = ("core", "networks", "planning", "data", "recovery", "rivals", "agents", "judges", "config.signatures")
-HEAVY = ("hydra", "omegaconf", "mlflow", "mujoco", "gymnasium_robotics", "matplotlib", "pandas")
+HEAVY = ("hydra", "omegaconf", "mlflow", "tensorboard", "wandb", "mujoco", "gymnasium_robotics", "matplotlib", "pandas")
 
 
 def modules() -> Iterator[tuple[str, Path]]:

@@ -98,7 +98,7 @@ def main(argv: list[str]) -> int:
     if tracked:
         from credit.tracking.report_run import log_beside_runs
 
-        logged = log_beside_runs(options["output"], options["experiment"], report.folder, report.metrics)
+        logged = log_beside_runs(options["output"], options["experiment"], report.folder, report.headline)
         console.print(logged, soft_wrap=True)
     return 0
 

@@ -11,6 +11,7 @@ from credit.cli.main import guarded
 from credit.cli.words import Reader, read_words, whole
 from credit.core.errors import UserError
 from credit.tracking import server
+from credit.tracking.mirrored import missing
 from credit.tracking.store import VARIABLE, follow, quiet_environment, resolve_uri, sqlite_file, uri_problem
 
 HOST = "127.0.0.1"
@@ -51,8 +52,10 @@ def dashboard(output: Path = Path("outputs"), port: int = PORT, uri: str | None 
         The exit code, 0.
 
     Raises:
-        UserError: there is no store, it cannot be read, or the port is taken.
+        UserError: MLflow is not installed, there is no store, it cannot be read, or the port is taken.
     """
+    if problem := missing("mlflow"):
+        raise UserError(problem)
     uri = uri if uri is not None else os.environ.get(VARIABLE) or None
     if problem := uri_problem(uri):
         raise UserError(problem.replace("tracking.uri=", "uri=", 1))

@@ -7,7 +7,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -20,6 +20,7 @@ from credit.cli.follow import Follower
 from credit.cli.outcome import Job, status
 from credit.cli.task import BEAT, Parent, Task
 from credit.config import launchers
+from credit.runs.differing import Label
 
 ATTEMPTS = 3  # how often a launcher is started that breaks: a worker that is killed for memory takes others with it
 SILENT = 30 * BEAT  # a job that has posted nothing for so long does not run any more
@@ -33,7 +34,7 @@ class Begun:
         first: the configuration of the first job, which says where all goes.
         plan: what tells the session from others; one that was killed is gone on with. console: where news go.
         multirun: whether it is of several jobs. total: of how many, where they come by and by; then nothing is said of
-            those that end well.
+            those that end well. labels: what tells each job from the others, for trackers.
 
     Attributes:
         ended: the session's status, KILLED until somebody knows better. jobs: those that were launched, by number.
@@ -49,6 +50,7 @@ class Begun:
         console: Console,
         multirun: bool,
         total: int | None = None,
+        labels: Sequence[Label] = (),
     ) -> None:
         from credit.config import schema
         from credit.runs.job import Job as Facts
@@ -57,7 +59,7 @@ class Begun:
         self._launcher, self._config_dirs, self._console = launcher, words.config_dirs, console
         kind, output = "sweep" if multirun else "job", Facts.of(first).folder
         self.session = Session.begin(
-            output, kind, first["experiment"], argv, first["tracking"], plan, words.config_dirs
+            output, kind, first["experiment"], argv, first["tracking"], plan, words.config_dirs, labels
         )
         self.jobs: dict[int, Job] = {}
         self.ended = "KILLED"
@@ -164,11 +166,11 @@ def stoppable(board: Board, follower: Follower, console: Console) -> Iterator[No
 
 def drain(tracking: Any, console: Console) -> str | None:
     """Wait for what is still to be uploaded."""
-    with console.status("MLflow") if console.is_terminal else contextlib.nullcontext() as status:
+    with console.status("tracking") if console.is_terminal else contextlib.nullcontext() as status:
 
         def progress(done: int, total: int) -> None:
             if status is not None:
-                status.update(f"MLflow: {done} of {total} rows")
+                status.update(f"tracking: {done} of {total} rows")
 
         late: str | None = tracking.finish(timeout=120.0, on_progress=progress)
     return late

@@ -1,4 +1,4 @@
-"""`credit sync`: upload to MLflow what its stores lack of earlier sessions."""
+"""`credit sync`: upload to tracking stores what they lack of earlier sessions."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ from pathlib import Path
 
 from credit.cli.main import guarded
 from credit.core.errors import UserError
+from credit.tracking.mirrored import missing
 from credit.tracking.sessions import all_sessions, damaged, lacking, lives, pending, store_of
-from credit.tracking.store import is_gone, quiet_environment
+from credit.tracking.store import is_gone, kind_of, quiet_environment
 
 HELP = """\
-Upload to MLflow what it lacks of earlier sessions: after an outage, a full disk, a power cut. What it has stays
-as it is; what a power cut left running is marked as killed. Sessions that run now have an uploader of their own.
+Upload to MLflow, or another tracker, what it lacks of earlier sessions: after an outage, a full disk, a power cut.
+What it has stays as it is; what a power cut left running is marked as killed. Sessions that run now have an uploader
+of their own.
 
 Usage: credit sync [DIR]
 
@@ -77,6 +79,9 @@ def _sync(session: Path, output: Path, failing: set[str]) -> bool:
         print(f"{name}: runs now, and uploads itself")
         return True
     if uri in failing:
+        return False
+    if problem := missing(kind_of(uri)):
+        print(f"credit sync: {name}: {problem}", file=sys.stderr)
         return False
     if is_gone(uri):
         print(f"credit sync: {name}: its store {uri} is gone; move its folder back, and sync again", file=sys.stderr)

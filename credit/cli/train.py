@@ -54,13 +54,15 @@ def computed(
     Returns:
         The session's status, what is still to be uploaded, the folders of the runs, and that of the session.
     """
+    from credit.runs.differing import labels
     from credit.runs.job import plan
     from credit.runs.runner import place
 
     launcher = launchers.choose(words.overrides, len(jobs), uses_gpu(jobs), words.config_dirs)
     numbered = dict(enumerate(jobs))
     parents = {place(config): None for config, _ in jobs}
-    begun = Begun(words, launcher, argv, jobs[0][0], [plan(config) for config, _ in jobs], console, multirun)
+    plans, named = [plan(config) for config, _ in jobs], labels([config for config, _ in jobs])
+    begun = Begun(words, launcher, argv, jobs[0][0], plans, console, multirun, labels=named)
     try:
         with begun:
             stands = begun.launch(numbered)
@@ -145,10 +147,10 @@ def report(parents: list[Any], config: dict[str, Any], late: str | None, failed:
         print(f"next     mend what failed, then credit resume {shlex.quote(str(shown(failed)))}")
     else:
         print(f"next     credit compare experiment={config['experiment']}{elsewhere}")
-    if config["tracking"]["_target_"] != "credit.tracking.NoTracking":
-        from credit.tracking.store import dashboard
+    from credit.config import schema
 
-        print(f"         {dashboard(Path(config['output']), config['tracking'].get('uri'))}")
+    if look := schema.build(config, "tracking").look(Path(config["output"])):
+        print(f"         {look}")
 
 
 if __name__ == "__main__":

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import zlib
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
 LONGEST = 100  # bytes of a name: folders and metrics put words of their own before and behind it
 LONGEST_METRIC = 250  # letters, of MLflow
@@ -51,3 +53,39 @@ def registered_name(module: str, name: str) -> str:
     package = module.partition(".")[0]
     name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
     return name if package == "credit" else f"{package}:{name}"
+
+
+def flat(key: str, node: Any) -> Iterator[tuple[str, Any]]:
+    """A configuration as pairs of key and value; a component's own key has its registered name.
+
+    Args:
+        key: of the node; "" for a whole configuration. node: a mapping, or a value.
+
+    Example:
+        >>> dict(flat("mixer", {"_target_": "credit.recovery.mixers.RelativeMSE", "alpha": 0.5}))
+        {'mixer': 'relative_mse', 'mixer.alpha': 0.5}
+    """
+    if not isinstance(node, Mapping):
+        yield key, node
+        return
+    if "_target_" in node:
+        module, _, name = str(node["_target_"]).rpartition(".")  # which may move
+        yield key, registered_name(module, name).replace(":", ".")  # a name of files, too
+    for name, inner in node.items():
+        if name != "_target_":
+            yield from flat(f"{key}.{name}" if key else str(name), inner)
+
+
+def short_keys(keys: Iterable[str]) -> dict[str, str]:
+    """Each key without the words at its front that no other one needs to be told apart.
+
+    Example:
+        >>> short_keys(["bonus.count.scale", "bonus.disagreement.scale", "mixer.alpha"])["mixer.alpha"]
+        'alpha'
+    """
+    every = sorted({*keys})
+    ends = {key: [".".join(key.split(".")[-count:]) for count in range(1, key.count(".") + 2)] for key in every}
+    return {
+        key: next(end for end in ends[key] if end == key or not any(end in ends[k] for k in every if k != key))
+        for key in every
+    }

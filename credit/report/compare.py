@@ -54,6 +54,18 @@ class Report:
         return metrics_of(self.comparisons)
 
     @property
+    def headline(self) -> dict[str, float]:
+        """The few numbers that say what came out: the best row's mean of the first measure, rows and runs."""
+        found = dict[str, float]()
+        for part in self.comparisons:
+            scores = part.table[f"{part.primary.metric}/mean"]
+            best = scores.min() if part.primary.lower_is_better else scores.max()
+            numbers = {"best": best, "rows": len(part.table), "runs": len(part.runs.frame)}
+            prefix = f"{part.runs.setting.name}/" if len(self.comparisons) > 1 else ""
+            found |= {f"{prefix}{name}": float(value) for name, value in numbers.items()}
+        return found
+
+    @property
     def table(self) -> pd.DataFrame:
         """A row a method and variant, setting after setting: the columns of `Comparison.table`."""
         parts = [part.table.assign(setting=part.runs.setting.words) for part in self.comparisons]

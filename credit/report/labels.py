@@ -7,6 +7,7 @@ import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+from credit.core.naming import short_keys
 from credit.report.comparison import Comparison
 from credit.report.groups import Key
 from credit.report.text import heading, span
@@ -63,7 +64,7 @@ def row_names(comparisons: Sequence[Comparison]) -> Mapping[Key, str]:
     titles = {(method, slug): str(group["name"].iloc[0]) for method, slug, group in rows}
     said = {key: {*common, *of_methods.get(name, [])} for key, name in titles.items()}
     own = {key: [word for word in overrides(key[1]) if word not in said[key]] for key in titles}
-    short = _short_keys(match[1] for words in own.values() for word in words if (match := _KEY.fullmatch(word)))
+    short = short_keys(match[1] for words in own.values() for word in words if (match := _KEY.fullmatch(word)))
     below = {key: ", ".join(_shortened(word, short) for word in words) for key, words in own.items()}
     for lines in (LINES, None):
         names = {key: "\n".join([titles[key], *_folded(below[key], lines)]) for key in titles}
@@ -81,16 +82,6 @@ def _in_all(slugs: Iterable[list[str]]) -> list[str]:
     """The words that all of these have, in the order of the first by name."""
     first, *others = sorted(slugs)
     return [word for word in first if all(word in other for other in others)]
-
-
-def _short_keys(keys: Iterable[str]) -> dict[str, str]:
-    """Each key without the words at its front that no other one needs to be told apart."""
-    every = sorted({*keys})
-    ends = {key: [".".join(key.split(".")[-count:]) for count in range(1, key.count(".") + 2)] for key in every}
-    return {
-        key: next(end for end in ends[key] if end == key or not any(end in ends[k] for k in every if k != key))
-        for key in every
-    }
 
 
 def _shortened(word: str, short: Mapping[str, str]) -> str:

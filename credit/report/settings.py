@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import re
 import zlib
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from typing import Any
 import yaml
 
 from credit.core.errors import UserError, nearest
-from credit.core.naming import registered_name
+from credit.core.naming import flat
 from credit.renamed import translated
 
 # The slots that are the problem, and what of the trainer is not: the learner's own schedule, and how often one looks
@@ -81,7 +81,7 @@ def values_of(config: Mapping[str, Any]) -> dict[str, Any]:
     nodes = {slot: {"_target_": config[slot]["_target_"], **config[slot]} for slot in PROBLEM}
     given = {} if config.get(GIVEN) is None else {GIVEN: config[GIVEN]}
     slots = {**nodes, TRAINER: budget, **given}
-    return dict(sorted(pair for key, node in slots.items() for pair in _flat(key, node)))
+    return dict(sorted(pair for key, node in slots.items() for pair in flat(key, node)))
 
 
 def name_settings(texts: Iterable[str]) -> dict[str, Setting]:
@@ -202,18 +202,6 @@ def _none_has(texts: Iterable[str], where: Values, experiment: str) -> str:
 def typed(value: Any) -> str:
     """A value as one would type it."""
     return value if isinstance(value, str) else json.dumps(value, separators=(",", ":"), sort_keys=True)
-
-
-def _flat(key: str, node: Any) -> Iterator[tuple[str, Any]]:
-    if not isinstance(node, Mapping):
-        yield key, node
-        return
-    if "_target_" in node:
-        module, _, name = str(node["_target_"]).rpartition(".")  # which may move
-        yield key, registered_name(module, name).replace(":", ".")  # a name of files, too
-    for name, inner in node.items():
-        if name != "_target_":
-            yield from _flat(f"{key}.{name}", inner)
 
 
 def _end(name: str) -> str:

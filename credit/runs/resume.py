@@ -10,6 +10,7 @@ from credit.config import schema
 from credit.core.errors import UserError
 from credit.runs import folders
 from credit.runs import job as jobs
+from credit.runs.differing import labels
 from credit.runs.runner import Progress, Result, run_job
 from credit.runs.session import Session
 from credit.runs.threads import limited
@@ -42,7 +43,8 @@ def resume(
     output, kind = parent.parents[2], "job" if len(found) == 1 else "sweep"
     plan = [jobs.plan(config) for config, _ in found]
     with limited(threads):
-        session = Session.begin(output, kind, first["experiment"], ["resume", str(folder)], first["tracking"], plan)
+        words, told = ["resume", str(folder)], labels([config for config, _ in found])
+        session = Session.begin(output, kind, first["experiment"], words, first["tracking"], plan, labels=told)
         tracking = schema.build(first, "tracking")
         tracking.start(session.folder, output)
         status, results = "KILLED", list[Result]()

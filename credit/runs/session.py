@@ -19,6 +19,7 @@ from typing import Any
 
 import psutil
 
+from credit.runs.differing import Label
 from credit.runs.journal import git_commit, write_json
 from credit.runs.locks import Lock
 
@@ -68,18 +69,19 @@ class Session:
         tracking: dict[str, Any] | None,
         plan: Plan,
         config_dirs: Sequence[str] = (),
+        labels: Sequence[Label] = (),
     ) -> Session:
         """Go on with the unfinished session of a plan, or start one; it says that it runs until `finish`.
 
         Args:
             output: the output folder. kind: `job` or `sweep`. experiment: of the first job.
             argv: the words after `credit`. tracking: the tracking node. plan: of every job, as `job.plan` has it.
-            config_dirs: further folders of YAML files, absolute.
+            config_dirs: further folders of YAML files, absolute. labels: what tells each job from the others.
         """
         session = cls.unfinished(output, plan)
         if session is None:
             session = cls._new(output)
-        session._start(kind, experiment, argv, tracking, plan, config_dirs)
+        session._start(kind, experiment, argv, tracking, plan, config_dirs, labels)
         return session
 
     @classmethod
@@ -100,6 +102,7 @@ class Session:
         tracking: dict[str, Any] | None,
         plan: Plan,
         config_dirs: Sequence[str],
+        labels: Sequence[Label],
     ) -> None:
         path = self.folder / "session.json"
         earlier = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
@@ -118,6 +121,7 @@ class Session:
             "process_started": psutil.Process().create_time(),
             "tracking": tracking,
             "plan": plan,
+            "labels": list(labels),
         }
         write_json(path, self._facts)
 

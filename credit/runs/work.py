@@ -195,6 +195,7 @@ def _facts(
         "config": dict(config),
         "overrides": list(overrides),
         "rates": dict(trainer.judge.rates),
+        "metric": trainer.judge.metric,
         "data": {
             name: dict(zip(map(str, group.seeds), digests, strict=True))
             for name, digests in {

@@ -29,8 +29,9 @@ class Entry:
 
 @dataclass(frozen=True)
 class Upload:
-    """What MLflow shall hold of one run: card, rows beyond a step, status, end (epoch seconds), files, notes.
+    """What MLflow shall hold of one run: card, rows beyond a step, status, end (epoch seconds), files, error.
 
+    `picture` draws, in SVG, what came out, once the run has ended.
     `folder` is the run folder of a seed: whichever session fills it, it is one run.
     """
 
@@ -42,5 +43,6 @@ class Upload:
     finished: float | None = None
     files: Sequence[Path] = ()
     texts: tuple[tuple[str, str], ...] = ()
-    note: str | None = None
+    picture: Callable[[], str | None] = lambda: None
+    error: str | None = None
     folder: Path | None = None

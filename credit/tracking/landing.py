@@ -19,6 +19,8 @@ PASS = "ui"  # the query that asks for MLflow itself
 SHOWN = ("regret/cumulative", "policy/error", "eval/success", "reward/mse", "return/label")
 OPEN_SECTIONS = ("regret", "policy", "eval", "reward", "return", "weight", "best", "optimizer", "time")
 FOLDED_SECTIONS = ("interval", "report")
+PARALLEL, AXES = "credit-parallel", 6  # of what differs, as many as can be read
+NAME, WHEN = "attributes.`Run Name`", "runDateAndNestInfo"  # columns that are always there
 PAGE = 100  # runs that MLflow's UI loads at first
 _SETTINGS = {
     "mlflow.workflowType_v1": "machine_learning",
@@ -31,6 +33,12 @@ try {
   for (const name in settings) localStorage[name] ??= JSON.stringify(settings[name]);
   if (store) {
     const state = {...view.first, ...JSON.parse(localStorage[store] ?? "{}")};
+    if (localStorage["credit:" + store] !== view.session) {  // a new sweep has columns of its own
+      Object.assign(state, view.sweep);
+      const own = view.first.compareRunCharts.find(chart => chart.uuid === view.parallel);
+      state.compareRunCharts = state.compareRunCharts?.map(chart => own && chart.uuid === own.uuid ? own : chart);
+      localStorage["credit:" + store] = view.session;
+    }
     state.runsExpanded = {...state.runsExpanded, ...view.expanded};
     state.runsVisibilityMap = {...state.runsVisibilityMap, ...view.visible};
     localStorage[store] = JSON.stringify(state);
@@ -88,11 +96,17 @@ def _page(address: str, experiment: str | None = None, view: dict[str, Any] | No
 def _view(sweep: str | None, hidden: Iterable[str], jobs: list[Run]) -> dict[str, Any]:
     """What the UI shall show: at the first visit these charts, at every visit these runs."""
     names = {name for run in jobs for name in run.data.metrics}
-    shown = [[name] for name in SHOWN if name in names]
+    main = jobs[0].data.tags.get("metric", SHOWN[0])
+    shown = [[name] for name in dict.fromkeys((main, *SHOWN)) if name in names]
+    newest = [run for run in jobs if run.data.tags["session"] == jobs[0].data.tags["session"]]
+    differing = list(dict.fromkeys(key for run in newest for key in json.loads(run.data.tags.get("differing", "[]"))))
+    differing = [key for key in differing if any(key in run.data.params for run in newest)]
     band = {f"interval/{shown[0][0].replace('/', '_')}_{end}" for end in ("low", "high")} if shown else set()
     if band and band <= names:
         shown.insert(1, [*shown[0], *sorted(band)])
     charts = [_chart(f"credit-chart-{number}", metrics) for number, metrics in enumerate(shown)]
+    if shown and differing:
+        charts.append(_parallel(shown[0][:1], differing[:AXES]))
     prefixes = {name.partition("/")[0] for name in names if "/" in name} | {"report"}
     sections = [_section("overview", folded=False)] if charts else []
     sections += [_section(name, folded=False) for name in OPEN_SECTIONS if name in prefixes]
@@ -103,8 +117,18 @@ def _view(sweep: str | None, hidden: Iterable[str], jobs: list[Run]) -> dict[str
         "compareRunSections": sections,
         "isAccordionReordered": True,
     }
+    measured = list(dict.fromkeys(f"metrics.`{metrics[0]}`" for metrics in shown))
+    columns = [*measured[:1], *(f"params.`{key}`" for key in differing), *measured[1:]]
+    letters = max(len(str(run.info.run_name)) for run in newest)
     return {
         "first": first,
+        "session": jobs[0].data.tags["session"],
+        "sweep": {
+            "selectedColumns": columns,
+            "columnOrder": [NAME, WHEN, *columns],
+            "columnWidths": {NAME: min(90 + 7 * letters, 480), WHEN: 150} | {key: 7 * len(key) for key in columns},
+        },
+        "parallel": PARALLEL,
         "expanded": {sweep: True} if sweep else {},
         "visible": dict.fromkeys(hidden, False),
     }
@@ -112,6 +136,20 @@ def _view(sweep: str | None, hidden: Iterable[str], jobs: list[Run]) -> dict[str
 
 def _section(name: str, folded: bool) -> dict[str, Any]:
     return {"uuid": f"credit-{name}", "name": name, "display": not folded, "isReordered": False}
+
+
+def _parallel(metrics: list[str], params: list[str]) -> dict[str, Any]:
+    """Parallel coordinates: what differs, and what comes of it."""
+    return {
+        "uuid": PARALLEL,
+        "type": "PARALLEL",
+        "metricSectionId": "credit-overview",
+        "deleted": False,
+        "isGenerated": False,
+        "selectedMetrics": metrics,
+        "selectedParams": params,
+        "showAllRuns": False,
+    }
 
 
 def _chart(identity: str, metrics: list[str]) -> dict[str, Any]:

@@ -1,58 +1,47 @@
-"""MLflow runs by a key of ours, and what each of them already holds.
-
-A process that goes on where another was killed asks the store what it has: only the store knows for certain.
-"""
+"""What a tracking store already holds of a session's runs, by a key of ours: the seam that every tracker fills."""
 
 from __future__ import annotations
 
+import importlib
 import json
-from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from abc import ABC, abstractmethod
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 
-from mlflow import MlflowClient
-from mlflow.entities import Metric, Param, Run, RunTag
-from mlflow.exceptions import MlflowException
-
-from credit.core.naming import metric_name
 from credit.runs.journal import write_json
-from credit.tracking.curves import Row
-from credit.tracking.describe import MAX_TAG, PARENT
 from credit.tracking.entries import Entry, Upload
 from credit.tracking.notes import Note
-from credit.tracking.store import name_in, open_experiment
-
-KEY_TAG, NOTE_TAG = "credit.key", "mlflow.note.content"
-MAX_METRICS, MIN_METRICS, MAX_PARAMS, MAX_RUNS = 1000, 50, 100, 1000
-# Errors that belong to one run (say, someone deleted it in the UI): the others go on without it.
-_OF_ONE_RUN = {"RESOURCE_DOES_NOT_EXIST", "INVALID_PARAMETER_VALUE", "INVALID_STATE", "BAD_REQUEST"}
+from credit.tracking.store import kind_of, name_in
 
 
-class Ledger:
+class Ledger(ABC):
     """Uploads runs and remembers, in a file, what was uploaded.
 
     Args:
         file: the JSON file; one that belongs to another store is ignored.
         uri: resolved address of the store.
-        output: output folder, for the default artifacts and the lock.
+        output: output folder, for what lies in it, and the lock.
         session: the session's id; runs that a killed process had made for it are found again.
     """
 
     def __init__(self, file: Path, uri: str, output: Path, session: str):
         self._file, self._uri, self._output, self._session = file, uri, output, session
-        self._experiments: dict[str, tuple[MlflowClient, str]] = {}
-        self._found: dict[str, Run] = {}
-        self._known: dict[str, Run] = {}  # the runs that this process made or took up, as they were then
-        self._batch = MAX_METRICS
         self.sent = 0
         self.entries: dict[str, Entry] = {}
         # A file that a power cut emptied is no loss: the store is asked in any case.
         with suppress(OSError, ValueError, KeyError, TypeError):
             stored = json.loads(file.read_text())
-            if stored["uri"] in (uri, name_in(output, uri)):
+            if self._is_mine(stored["uri"]):
                 self.entries = {key: Entry(**entry | {"problem": None}) for key, entry in stored["runs"].items()}
+
+    @abstractmethod
+    def upload(self, run: Upload) -> None:
+        """Bring one run up to date: create it, add rows beyond the last step, end it when its status says so.
+
+        Raises:
+            Exception: the store cannot be reached or written now, or answers nonsense; try again later.
+        """
 
     def save(self, complete: object = None) -> None:
         """Write the file; `complete` says for which attempt of the session everything was uploaded."""
@@ -61,188 +50,92 @@ class Ledger:
 
     def forget(self, key: str) -> None:
         """Let go of a run: it is another session's, or the store lost it."""
-        for memory in (self.entries, self._known, self._found):
-            memory.pop(key, None)
+        self.entries.pop(key, None)
 
-    def upload(self, run: Upload) -> None:
-        """Bring one run up to date: create it, add rows beyond the last step, end it when its status says so.
+    def _is_mine(self, uri: str) -> bool:
+        return uri in (self._uri, name_in(self._output, self._uri))
 
-        Raises:
-            Exception: the store cannot be reached or written now, or answers nonsense; try again later.
-        """
-        try:
-            self._upload(run)
-        except Exception as error:
-            # A request without an answer may have been obeyed: ask anew. Smaller ones may pass where the store is slow.
-            self._experiments.pop(run.experiment, None)
-            self._batch = max(MIN_METRICS, self._batch // 2)
-            if not self._concerns_one(run, error):
-                raise
-            self.entries[run.key].problem = f"{run.card.name}: {error}"
-            self._give_up(run, str(error))
-
-    def _give_up(self, run: Upload, why: str) -> None:
-        """Say in the store that it has not everything of a run, which would be running there for ever."""
-        with suppress(MlflowException):  # it was deleted
-            client, _ = self._open(run.experiment)
-            entry = self.entries[run.key]
-            client.set_tag(entry.id, NOTE_TAG, f"MLflow did not take everything of this run: {why}"[:MAX_TAG])
-            client.set_terminated(entry.id, "FAILED", round((run.finished or run.card.started) * 1000))
-
-    def _concerns_one(self, run: Upload, error: Exception) -> bool:
-        """Whether the store is well and refuses this one run; raises where it is wrong about everything."""
-        code = error.error_code if isinstance(error, MlflowException) else None
-        if run.key not in self._known or code not in _OF_ONE_RUN:
-            return False
-        client, _ = self._open(run.experiment)
-        found = _ask(client, self.entries[run.key].id)
-        if found is None:
-            self.forget(run.key)
-            return False
-        return found.info.lifecycle_stage == "deleted" or code != "RESOURCE_DOES_NOT_EXIST"
-
-    def _upload(self, run: Upload) -> None:
-        client, experiment = self._open(run.experiment)
-        if run.key not in self._known:
-            self._begin(client, experiment, run)
-        entry = self.entries[run.key]
-        if entry.problem:
-            return
-        if not entry.described:
-            for name, text in run.texts:
-                client.log_text(entry.id, text, name)
-            has = self._known[run.key].data.params  # what a run has cannot be changed
-            lacking = [Param(name, value) for name, value in run.card.params.items() if name not in has]
-            for start in range(0, len(lacking), MAX_PARAMS):
-                client.log_batch(entry.id, params=lacking[start : start + MAX_PARAMS])
-            entry.described = True
-        parent = run.card.tags.get(PARENT)
-        if parent and parent != entry.parent:
-            client.set_tag(entry.id, PARENT, parent)
-            entry.parent = parent
-        self._send(client, entry, run)
-        if run.status != entry.status:
-            if run.note or NOTE_TAG in self._known[run.key].data.tags:
-                client.set_tag(entry.id, NOTE_TAG, run.note or "")
-            for file in run.files:
-                client.log_artifact(entry.id, str(file))
-            if run.status == "RUNNING":
-                client.update_run(entry.id, status="RUNNING")
-            else:
-                client.set_terminated(entry.id, run.status, round((run.finished or run.card.started) * 1000))
-            entry.status = run.status
-
-    def _begin(self, client: MlflowClient, experiment: str, run: Upload) -> None:
-        """Take up the run that an earlier process made, or make one."""
-        found = self._found.pop(run.key, None) or self._noted(client, experiment, run)
-        entry = self.entries.get(run.key)
-        if found is None and entry is not None:
-            found = _ask(client, entry.id)
-            if found is not None and found.info.lifecycle_stage == "deleted":
-                entry.problem = f"{run.card.name}: the run {entry.id} was deleted in MLflow"
-                self._known[run.key] = found
-                return
-        if found is None:
-            self._write_note(run, "")  # first: a run that is made and not written down is found by it
-            tags = run.card.tags | {KEY_TAG: run.key}
-            found = client.create_run(experiment, round(run.card.started * 1000), tags, run.card.name)
-            if not found.info.run_id:
-                raise RuntimeError(f"{self._uri} answers, but not as an MLflow server does")
-        else:
-            tags = run.card.tags | {KEY_TAG: run.key}
-            client.log_batch(found.info.run_id, tags=[RunTag(name, value) for name, value in tags.items()])
-        self.entries[run.key] = Entry(
-            id=found.info.run_id,
-            started=found.info.start_time,
-            described=set(run.card.params) <= set(found.data.params),
-            status=found.info.status,
-            parent=run.card.tags.get(PARENT),
-        )
-        self._known[run.key] = found
-        self._write_note(run, found.info.run_id)
-
-    def _noted(self, client: MlflowClient, experiment: str, run: Upload) -> Run | None:
-        """The run that another session began in this folder, and did not finish."""
-        note = Note.read(run.folder) if run.folder else None
-        if note is None or note.uri not in (self._uri, name_in(self._output, self._uri)):
-            return None
-        if note.run:
-            found = _ask(client, note.run)
-        else:
-            chosen = f"tags.session = '{note.session}' and tags.`{KEY_TAG}` = '{note.key}'"
-            found = next(iter(client.search_runs([experiment], chosen, max_results=1)), None)
-        if found is None or found.info.lifecycle_stage == "deleted":
-            return None
-        # What was finished and is computed again is another run.
-        return found if found.info.status != "FINISHED" or note.session == self._session else None
+    def _note(self, run: Upload) -> Note | None:
+        """What the folder of a run says of it, where that is about this store."""
+        note = Note.read(run.folder, kind_of(self._uri)) if run.folder else None
+        return note if note and self._is_mine(note.uri) else None
 
     def _write_note(self, run: Upload, identity: str) -> None:
         if run.folder and run.folder.exists():
-            Note(name_in(self._output, self._uri), self._session, run.key, identity).write(run.folder)
-
-    def _send(self, client: MlflowClient, entry: Entry, run: Upload) -> None:
-        held = {metric.key: metric.step for metric in self._known[run.key].data._metric_objs}
-        # One call costs 3.4 ms, a metric in it 0.09 ms (SQLite): few large batches are what makes it fast.
-        for rows in _parts(run.rows(entry.step), self._batch):
-            metrics = [
-                Metric(name, value, entry.started + round(1000 * row.seconds), row.step)
-                for row in rows
-                for name, value in ((metric_name(name), value) for name, value in row.values.items())
-                if row.step > held.get(name, -1)
-            ]
-            for start in range(0, len(metrics), MAX_METRICS):
-                client.log_batch(entry.id, metrics=metrics[start : start + MAX_METRICS])
-            entry.step, entry.rows = rows[-1].step, entry.rows + len(rows)
-            self.sent += len({metric.step for metric in metrics})
-            self._batch = min(2 * self._batch, MAX_METRICS)
-
-    def _open(self, name: str) -> tuple[MlflowClient, str]:
-        if name not in self._experiments:
-            client, experiment = open_experiment(self._uri, self._output, name)
-            self._find_again(client, experiment)
-            self._experiments[name] = client, experiment
-        return self._experiments[name]
-
-    def _find_again(self, client: MlflowClient, experiment: str) -> None:
-        """Find the runs that a process made and could not write down before it was killed, or cut off."""
-        chosen, token, ours = f"tags.session = '{self._session}'", None, defaultdict[str, list[Run]](list)
-        while True:
-            page = client.search_runs([experiment], chosen, max_results=MAX_RUNS, page_token=token)
-            for run in page:
-                if key := run.data.tags.get(KEY_TAG):
-                    ours[key].append(run)
-            token = page.token
-            if not token:
-                break
-        for key, twins in ours.items():
-            known = self.entries[key].id if key in self.entries else None
-            best = max(twins, key=lambda run: (run.info.run_id == known, len(run.data.metrics)))
-            if key not in self._known:
-                self._found[key] = best
-            for run in twins:
-                if run is not best:  # its maker got no answer, and made another
-                    client.delete_run(run.info.run_id)
+            note = Note(name_in(self._output, self._uri), self._session, run.key, identity)
+            note.write(run.folder, kind_of(self._uri))
 
 
-def _ask(client: MlflowClient, identity: str) -> Run | None:
-    """A run by its id, deleted ones too; None where the store never heard of it."""
-    try:
-        return client.get_run(identity)
-    except MlflowException as error:
-        if error.error_code == "RESOURCE_DOES_NOT_EXIST":
-            return None
-        raise
+class Appending(Ledger):
+    """For stores in which a run is a log, of rows behind rows.
+
+    What a log holds, only the log knows for certain: it is read when a process takes the run up.
+    """
+
+    def __init__(self, file: Path, uri: str, output: Path, session: str):
+        super().__init__(file, uri, output, session)
+        self._open: set[str] = set()  # keys of the runs that this process has taken up
+
+    @abstractmethod
+    def begin(self, run: Upload, identity: str) -> int:
+        """Make a run, or take it up; the last step that its log holds, −1 where it has none."""
+
+    @abstractmethod
+    def add(self, run: Upload, identity: str, after: int) -> int:
+        """Append the rows beyond a step; the step of the last one that is there now."""
+
+    @abstractmethod
+    def end(self, run: Upload, identity: str) -> None:
+        """Say how it ended."""
+
+    def upload(self, run: Upload) -> None:
+        """Bring one run up to date; a sweep has no curves of its own, and is no run here."""
+        if run.card.tags["level"] == "sweep":
+            self.entries[run.key] = Entry("", round(run.card.started * 1000), status=run.status)
+            return
+        entry = self.entries.get(run.key)
+        if entry and run.key not in self._open and entry.status == run.status and not run.rows(entry.step):
+            return
+        try:
+            self._bring(run)
+        except Exception:
+            self._open.discard(run.key)  # nobody knows how much of it is there
+            raise
+
+    def _bring(self, run: Upload) -> None:
+        if run.key not in self._open:
+            known, note = self.entries.get(run.key), self._note(run)
+            identity = known.id if known else (note.run if note else "") or self.name(run)
+            self._write_note(run, identity)
+            step = self.begin(run, identity)
+            rows = len(run.rows(-1)) - len(run.rows(step))
+            started = round(run.card.started * 1000)
+            self.entries[run.key] = Entry(identity, started, step=step, rows=rows)
+            self._open.add(run.key)
+        entry = self.entries[run.key]
+        new = len(run.rows(entry.step))
+        if new:
+            entry.step = self.add(run, entry.id, entry.step)
+            entry.rows, self.sent = entry.rows + new, self.sent + new
+        if run.status != "RUNNING":
+            self.end(run, entry.id)
+            if run.status == "FINISHED" and run.folder:  # what is computed again is another run
+                Note.remove(run.folder, kind_of(self._uri))
+            self._open.discard(run.key)
+        entry.status = run.status
+
+    def name(self, run: Upload) -> str:
+        """The identity of a run that nobody has begun: the same, whichever process asks."""
+        number, _, seed = run.key.partition("/")
+        return "/".join([run.experiment, self._session, number, *([f"seed-{seed}"] if seed else [])])
 
 
-def _parts(rows: Sequence[Row], size: int) -> Iterator[list[Row]]:
-    """Rows in parts of about `size` values."""
-    part: list[Row] = []
-    values = 0
-    for row in rows:
-        if part and values + len(row.values) > size:
-            yield part
-            part, values = [], 0
-        part.append(row)
-        values += len(row.values)
-    if part:
-        yield part
+def ledger_of(file: Path, uri: str, output: Path, session: str) -> Ledger:
+    """The ledger of a store: `open_ledger` of the module that is called as its kind.
+
+    Args:
+        file, uri, output, session: as `Ledger` has them.
+    """
+    module = importlib.import_module(f"credit.tracking.{kind_of(uri)}")
+    opened: Ledger = module.open_ledger(file, uri, output, session)
+    return opened

@@ -1,7 +1,7 @@
-"""The local journal of a session, mirrored to MLflow: a sweep, below it jobs, below them seeds.
+"""The local journal of a session, mirrored to a tracking store: a sweep, below it jobs, below them seeds.
 
-The journal is the truth. What is uploaded twice does no harm (the same step, value and time are one point in
-MLflow), so the work of a mirror that was killed is continued by the next one.
+The journal is the truth. What a store holds of a run, its ledger asks the store, so the work of a mirror that was
+killed is continued by the next one.
 """
 
 from __future__ import annotations
@@ -18,9 +18,11 @@ import yaml
 from credit.tracking.curves import Follower, mean_rows
 from credit.tracking.describe import job_card, seed_card, sweep_card
 from credit.tracking.entries import Upload
-from credit.tracking.ledger import Ledger
+from credit.tracking.ledger import ledger_of
 from credit.tracking.notes import Note, one_at_a_time
-from credit.tracking.sessions import Seeds, attempt
+from credit.tracking.picture import recovery_picture
+from credit.tracking.sessions import Seeds, attempt, ledger_file
+from credit.tracking.store import kind_of
 
 AUTO_SEEDS = 20
 SEED_INTERVAL = 5.0
@@ -45,14 +47,15 @@ class Mirror:
 
     Args:
         output: output folder, from which the journal's paths start.
-        session: the session's folder; `mlflow.json` in it remembers what was uploaded.
+        session: the session's folder; `<kind of store>.json` in it remembers what was uploaded.
         uri: resolved address of the store.
         seeds: which seeds get a run of their own: the first 20 of a job, all, or none.
     """
 
     def __init__(self, output: Path, session: Path, uri: str, seeds: Seeds = "auto"):
         self._output, self._folder, self._seeds = output, session, seeds
-        self._ledger = Ledger(session / "mlflow.json", uri, output, _read(session / "session.json")["id"])
+        self._kind, identity = kind_of(uri), _read(session / "session.json")["id"]
+        self._ledger = ledger_of(ledger_file(session, uri), uri, output, identity)
         self._journals: dict[int, list[Follower]] = {}
         self._seeds_due: dict[int, float] = {}
         self._waiting: dict[str, int] = {}
@@ -66,7 +69,7 @@ class Mirror:
             orphaned: the process that wrote the journal is gone, so what still says RUNNING was killed.
 
         Raises:
-            Exception: MLflow cannot be reached or written now; call again later.
+            Exception: the store cannot be reached or written now; call again later.
         """
         session = _read(self._folder / "session.json")
         if orphaned and session["status"] == "RUNNING":
@@ -132,7 +135,7 @@ class Mirror:
                 status=job["status"],
                 finished=finished,
                 texts=(("config.yaml", config),),
-                note=job["error"],
+                error=job["error"],
             )
         )
 
@@ -144,6 +147,7 @@ class Mirror:
             key = f"{number}/{seed}"
             with one_at_a_time(folder):
                 summary = _summary(folder)
+                journal.follow()  # what says that it is finished was written behind its last row
                 if not self._owns(key, folder, summary, session["id"], running):
                     self._ledger.forget(key)
                     self._waiting.pop(key, None)
@@ -172,6 +176,7 @@ class Mirror:
                 rows=journal.beyond,
                 status=end["status"],
                 finished=end["finished"],
+                picture=partial(recovery_picture, folder / "recovery.npz"),
                 files=[folder / name for name in SEED_FILES if (folder / name).exists()],
                 folder=folder,
             )
@@ -184,7 +189,7 @@ class Mirror:
         Two sessions may list one folder: one began it, another goes on. A job that runs takes the run over when it
         is first seen, and leaves it to whoever takes it over later; a summary says who did the work in the end.
         """
-        writer, note = summary.get("session"), Note.read(folder)
+        writer, note = summary.get("session"), Note.read(folder, self._kind)
         if summary.get("status") == "FINISHED" or (writer == session and not running):
             return bool(writer == session)
         if running and key not in self._claimed:

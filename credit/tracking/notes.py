@@ -1,4 +1,4 @@
-"""`mlflow.json` in a run's folder: which MLflow run it is, and which session fills it."""
+"""`mlflow.json` in a run's folder, or what its tracker is called: which run it is there, and which session fills it."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from credit.runs.journal import write_json
-
-FILE = "mlflow.json"
 
 
 @contextmanager
@@ -39,13 +37,18 @@ class Note:
     run: str
 
     @classmethod
-    def read(cls, folder: Path) -> Note | None:
-        """The note of a run folder; None where there is none, or none that can be read."""
+    def read(cls, folder: Path, kind: str = "mlflow") -> Note | None:
+        """The note of a run folder on a kind of store; None where there is none, or none that can be read."""
         try:
-            return cls(**json.loads((folder / FILE).read_text(encoding="utf-8")))
+            return cls(**json.loads((folder / f"{kind}.json").read_text(encoding="utf-8")))
         except (OSError, ValueError, TypeError):
             return None
 
-    def write(self, folder: Path) -> None:
+    def write(self, folder: Path, kind: str = "mlflow") -> None:
         """Write the note, whole or not at all."""
-        write_json(folder / FILE, asdict(self))
+        write_json(folder / f"{kind}.json", asdict(self))
+
+    @staticmethod
+    def remove(folder: Path, kind: str) -> None:
+        """Take the note away."""
+        (folder / f"{kind}.json").unlink(missing_ok=True)

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from credit.core.naming import metric_name
+from credit.tracking.describe import MAX_TAG
+from credit.tracking.mirrored import missing
 from credit.tracking.store import VARIABLE, dashboard, open_experiment, quiet_environment, resolve_uri
 
 MAX_METRICS = 1000
@@ -27,7 +29,9 @@ def log_beside_runs(output: Path, experiment: str, folder: Path, metrics: Mappin
     """
     tracking = _newest_tracking(output, experiment)
     if tracking is None:
-        return "Not logged to MLflow: the newest training session was not tracked."
+        return "Not logged to MLflow: the newest training session was not tracked there."
+    if problem := missing("mlflow"):
+        return f"Not logged to MLflow: {problem}."
     try:
         log_report(output, tracking["uri"] or os.environ.get(VARIABLE), experiment, folder, metrics)
     except Exception as error:  # a store that is down must not cost the user the report
@@ -44,7 +48,7 @@ def log_report(output: Path, uri: str | None, experiment: str, folder: Path, met
         uri: tracking URI; None is the default store.
         experiment: the experiment that the report is about.
         folder: the folder whose files become artifacts.
-        metrics: the report's numbers, logged as `report/<name>`; what is not finite is left out.
+        metrics: the few numbers that matter, logged as `report/<name>`; what is not finite is left out.
 
     Returns:
         The run's id.
@@ -57,8 +61,9 @@ def log_report(output: Path, uri: str | None, experiment: str, folder: Path, met
 
     client, identity = open_experiment(resolve_uri(uri, output), output, experiment)
     now = round(time.time() * 1000)
-    run = client.create_run(identity, now, {"level": "report"}, run_name="compare").info.run_id
-    # One section of the UI holds them all, folded: beside the curves they would be hundreds of bars.
+    tags = {"level": "report", "mlflow.note.content": _table_of(folder)}
+    run = client.create_run(identity, now, tags, run_name="compare").info.run_id
+    # One section of the UI holds them all, folded; each is a column of the table of runs, so there should be few.
     names = {name: metric_name(f"report/{name.replace('/', '_')}") for name in metrics}
     points = [Metric(names[name], x, now, 0) for name, x in metrics.items() if math.isfinite(x)]
     for start in range(0, len(points), MAX_METRICS):
@@ -66,6 +71,13 @@ def log_report(output: Path, uri: str | None, experiment: str, folder: Path, met
     client.log_artifacts(run, str(folder))
     client.set_terminated(run)
     return str(run)
+
+
+def _table_of(folder: Path) -> str:
+    """The report's table, which is Markdown, as far as a description can hold it."""
+    file = folder / "table.md"
+    text = file.read_text(encoding="utf-8") if file.exists() else ""
+    return text if len(text) <= MAX_TAG else text[: text.rindex("\n", 0, MAX_TAG)]
 
 
 def _newest_tracking(output: Path, experiment: str) -> dict[str, Any] | None:

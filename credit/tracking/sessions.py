@@ -1,4 +1,4 @@
-"""The sessions of an output folder: which live, what MLflow still lacks of them, how far their upload is."""
+"""The sessions of an output folder: which live, what their stores still lack of them, how far their upload is."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from typing import Any, Literal
 from credit.core.errors import UserError
 from credit.runs.journal import read_json, write_json
 from credit.runs.locks import Lock
-from credit.tracking.store import STORE, name_in, resolve_uri
+from credit.tracking.store import STORE, kind_of, name_in, resolve_uri
 
 Seeds = Literal["auto", "all", "none"]
-PROGRESS_FILE, LEDGER_FILE = "tracking.json", "mlflow.json"
+PROGRESS_FILE = "tracking.json"
 
 
 @dataclass(frozen=True)
@@ -88,18 +88,24 @@ def store_of(session: Path, output: Path) -> tuple[str, Seeds] | None:
     The folder's own store is where the folder is now; any other, where it was when the session began.
     """
     chosen = read_session(session)["tracking"]
-    if chosen is None or "uri" not in chosen:
+    if chosen is None or "seeds" not in chosen:
         return None
     if (state := State.read(session)) is not None:
         return state.uri, state.seeds
-    return resolve_uri(chosen["uri"], output), chosen["seeds"]
+    return (resolve_uri(chosen["uri"], output), chosen["seeds"]) if "uri" in chosen else None
+
+
+def ledger_file(session: Path, uri: str) -> Path:
+    """What a session remembers of a store."""
+    return session / f"{kind_of(uri)}.json"
 
 
 def pending(output: Path) -> Iterator[Path]:
-    """Sessions that ended, or died, before MLflow was told everything."""
+    """Sessions that ended, or died, before their store was told everything."""
     for session in all_sessions(output):
         with suppress(OSError, ValueError, KeyError):  # a record that a full disk cut short is nobody's
-            if store_of(session, output) and not lives(session) and not _complete(session):
+            store = store_of(session, output)
+            if store and not lives(session) and not _complete(session, store[0]):
                 yield session
 
 
@@ -115,18 +121,21 @@ def damaged(output: Path) -> list[str]:
 
 
 def lacking(output: Path) -> Iterator[Path]:
-    """Sessions with runs that MLflow refused, so that it does not have everything of them."""
+    """Sessions with runs that their store refused, so that it does not have everything of them."""
     for session in all_sessions(output):
         with suppress(OSError, ValueError, KeyError):
-            ledger = json.loads((session / LEDGER_FILE).read_text(encoding="utf-8"))
+            store = store_of(session, output)
+            if store is None:
+                continue
+            ledger = json.loads(ledger_file(session, store[0]).read_text(encoding="utf-8"))
             refused = any(entry["problem"] for entry in ledger["runs"].values())
-            if refused and store_of(session, output) and not lives(session) and _complete(session):
+            if refused and not lives(session) and _complete(session, store[0]):
                 yield session
 
 
-def _complete(session: Path) -> bool:
+def _complete(session: Path, uri: str) -> bool:
     try:
-        ledger = json.loads((session / LEDGER_FILE).read_text(encoding="utf-8"))
+        ledger = json.loads(ledger_file(session, uri).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return False
     return bool(ledger["complete"] == attempt(read_session(session)))

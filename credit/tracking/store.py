@@ -22,6 +22,7 @@ ALLOWED = "sqlite:///FILE, postgresql://..., mysql://..., mssql://..., http://HO
 _URI = re.compile(r"sqlite:///\S|(postgresql|mysql|mssql)(\+\w+)?://\S|https?://[\w\[]")
 VARIABLE = "MLFLOW_TRACKING_URI"  # of the environment, where every tool of MLflow looks
 _SQLITE = "sqlite:///"
+FOLDERS = ("tensorboard", "wandb")  # trackers whose store is a folder: `tensorboard:FOLDER?option=value`
 STORE, ARTIFACTS = "mlflow.db", "artifacts"  # in an output folder
 _QUIET = {
     "MLFLOW_DISABLE_TELEMETRY": "true",
@@ -33,6 +34,12 @@ _QUIET = {
     "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "0",
     "MLFLOW_HTTP_REQUEST_TIMEOUT": "8",
 }
+
+
+def kind_of(uri: str) -> str:
+    """Which tracker has a store: the scheme of its address, or MLflow, which has many."""
+    scheme = uri.partition(":")[0]
+    return scheme if scheme in FOLDERS else "mlflow"
 
 
 def uri_problem(uri: str | None) -> str | None:
@@ -51,13 +58,24 @@ def resolve_uri(uri: str | None, output: Path) -> str:
         >>> resolve_uri(None, Path("/50% off?/outputs"))
         'sqlite:////50%25%20off%3F/outputs/mlflow.db'
     """
+    if uri is not None and kind_of(uri) in FOLDERS:
+        kind, _, rest = uri.partition(":")
+        path, mark, options = rest.partition("?")
+        return f"{kind}:{pathname2url(str((output / url2pathname(path)).resolve()))}{mark}{options}"
     file = output / STORE if uri is None else sqlite_file(uri)
     return f"{_SQLITE}{pathname2url(str(file.resolve()))}" if file is not None else str(uri)
 
 
 def name_in(output: Path, uri: str) -> str:
-    """What the records of a folder call a store: the folder's own by its name alone, so that both may move."""
+    """What the records of a folder call a store: one in it by its name alone, so that both may move."""
+    if kind_of(uri) in FOLDERS:
+        return uri.replace(f":{pathname2url(str(output.resolve()))}/", ":", 1)
     return STORE if uri == resolve_uri(None, output) else uri
+
+
+def folder_of(uri: str) -> Path:
+    """The folder of a store that is one."""
+    return Path(url2pathname(uri.partition(":")[2].partition("?")[0]))
 
 
 def dashboard(output: Path, uri: str | None) -> str:
@@ -90,8 +108,8 @@ def sqlite_file(uri: str) -> Path | None:
 
 
 def is_gone(uri: str) -> bool:
-    """Whether the folder of an SQLite store is not there any more: who has moved it wants no empty one in its place."""
-    file = sqlite_file(uri)
+    """Whether the folder of a local store is not there any more: who has moved it wants no empty one in its place."""
+    file = folder_of(uri) if kind_of(uri) in FOLDERS else sqlite_file(uri)
     return file is not None and not file.parent.exists()
 
 

@@ -1,4 +1,4 @@
-"""Mirrors one session to MLflow, beside the computation: `python -m credit.tracking.uploader`."""
+"""Mirrors one session to a tracking store, beside the computation: `python -m credit.tracking.uploader`."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def upload(
         try:
             mirror = mirror or Mirror(output, session, uri, seeds)
             progress = mirror.sync(alone)
-        except Exception as error:  # whatever MLflow throws, the run goes on
+        except Exception as error:  # whatever a store throws, the run goes on
             problem = reason(error)
             _note_failure(problem, state)
             if ended and deadline is None:
@@ -143,7 +143,7 @@ def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m credit.tracking.uploader", description=__doc__)
     parser.add_argument("--session", type=Path, required=True, help="the session's folder")
     parser.add_argument("--output", type=Path, required=True, help="the output folder")
-    parser.add_argument("--uri", required=True, help="MLflow tracking URI")
+    parser.add_argument("--uri", required=True, help="resolved address of the store")
     parser.add_argument("--seeds", choices=get_args(Seeds), required=True, help="seeds with a run of their own")
     parser.add_argument("--parent", type=int, required=True, help="process whose end is the session's end")
     arguments = parser.parse_args(argv)

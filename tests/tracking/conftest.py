@@ -94,7 +94,7 @@ class FakeJob:
             "config": {
                 "method": method,
                 "seed": self.seeds[0],
-                "env": {"size": 10, "noise": None},
+                "env": {"_target_": "credit.envs.advertiser.environment.Advertiser", "size": 10, "noise": None},
                 "on": True,
             },
             "overrides": [f"method={method}"],
@@ -126,7 +126,7 @@ class FakeJob:
             for folder, seed in zip(self.folders, self.seeds, strict=True):
                 summary = {"session": self.session.id, "seed": seed, "status": status, "finished": finished}
                 (folder / "summary.json").write_text(json.dumps(summary | {"started": self.started}))
-                np.savez(folder / "recovery.npz", policy=np.zeros(10))
+                np.savez(folder / "recovery.npz", **{"policy": np.zeros(10), "reward/mixed": np.eye(10, 3)})
         ending = {"status": status, "finished": finished, "error": error}
         self.session._write(f"job-{number}", self.content | ending)
 

@@ -12,7 +12,7 @@ from mlflow import MlflowClient
 from mlflow.exceptions import MlflowException
 
 from credit.tracking.curves import Follower
-from credit.tracking.ledger import Ledger
+from credit.tracking.mlflow_ledger import MLflowLedger
 from credit.tracking.notes import Note
 
 from .conftest import FakeJob, FakeSession, Store
@@ -108,7 +108,7 @@ def test_the_uploader_dies_after_some_request(
     with monkeypatch.context() as dying:
         for name in ("create_run", "log_batch"):
             cut(name)
-        dying.setattr(Ledger, "save", lambda *args, **kwargs: None)
+        dying.setattr(MLflowLedger, "save", lambda *args, **kwargs: None)
         job = begin(session)
         with pytest.raises(KeyboardInterrupt):
             store.mirror().sync()

@@ -49,6 +49,44 @@ def test_the_newest_sweep_opens_on_its_methods(session: FakeSession, uri: str) -
     assert folded == ["interval", "report"]
 
 
+def labelled(session: FakeSession, uri: str) -> dict[str, Any]:
+    """What the page says of a sweep whose jobs differ in a parameter."""
+    told = [{"env.size": 10}, {"env.size": 20}]
+    session._session |= {"labels": told}
+    session.go_on()
+    for number, label in enumerate(told):
+        job = session.job(f"m{number}", [0])
+        job.content["config"]["env"]["size"] = label["env.size"]
+        job.content["metric"] = "reward/mse"
+        job.go_on()
+        job.header(["regret/cumulative", "reward/mse"])
+        job.row(7, (1, 2))
+    Mirror(session.output, session.folder, uri).sync()
+    view: dict[str, Any] = opened(uri)["view"]
+    return view
+
+
+def test_the_table_shows_the_main_metric_and_then_what_differs(session: FakeSession, uri: str) -> None:
+    view = labelled(session, uri)
+    columns = ["metrics.`reward/mse`", "params.`env.size`", "metrics.`regret/cumulative`"]
+    assert view["sweep"]["selectedColumns"] == columns
+    assert view["sweep"]["columnOrder"][2:] == columns
+    assert view["session"] == session.id
+    parallel = [chart for chart in view["first"]["compareRunCharts"] if chart["type"] == "PARALLEL"]
+    assert [(chart["selectedParams"], chart["selectedMetrics"]) for chart in parallel] == [
+        (["env.size"], ["reward/mse"])
+    ]
+
+
+def test_runs_are_called_by_what_differs_in_colours_of_their_own(session: FakeSession, uri: str) -> None:
+    labelled(session, uri)
+    client = MlflowClient(uri)
+    jobs = client.search_runs(["2"], "tags.level = 'job'")
+    assert sorted(str(run.info.run_name) for run in jobs) == ["size=10", "size=20"]
+    assert len({run.data.tags["mlflow.runColor"] for run in jobs}) == 2
+    assert "| `env.size` | 10 |" in jobs[-1].data.tags["mlflow.note.content"]
+
+
 def test_many_seeds_do_not_hide_a_method(session: FakeSession, uri: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(landing, "PAGE", 3)
     mirrored(session, uri)

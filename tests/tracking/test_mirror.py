@@ -44,11 +44,11 @@ def test_a_sweep_has_jobs_and_a_job_has_seeds(session: FakeSession, store: Store
     assert (tags["config_hash"], tags["git_commit"], tags["host"]) == ("abc123", "0" * 40, "box")
     assert job.data.params == {
         "method": "reference",
-        "seed": "0",
+        "env": "advertiser",
         "env.size": "10",
         "env.noise": "null",
         "on": "true",
-    }
+    }, "registered names, and no circumstances"
     assert (job.info.start_time, job.info.end_time) == ((STARTED + 10) * 1000, (STARTED + 19) * 1000)
     assert store.files(job) == {"config.yaml"}
 
@@ -58,7 +58,7 @@ def test_a_sweep_has_jobs_and_a_job_has_seeds(session: FakeSession, store: Store
     assert seed.data.tags["mlflow.parentRunId"] == methods["delayed/delayed"].info.run_id
     assert (seed.data.tags["seed"], seed.data.params["seed"]) == ("2", "2")
     assert store.curve(seed, "regret/cumulative") == [(7, 6.0, 0.75), (14, 9.0, 1.0)]
-    assert store.files(seed) == {"config.yaml", "summary.json", "recovery.npz"}
+    assert store.files(seed) == {"config.yaml", "summary.json", "recovery.npz", "recovery.svg"}
     every = [sweep, *methods.values(), *seeds.values()]
     assert {run.info.status for run in every} == {"FINISHED"}
 
@@ -147,7 +147,8 @@ def test_a_failed_job_is_shown_with_its_error(session: FakeSession, store: Store
     jobs = store.runs("job")
     assert jobs["delayed/delayed"].info.status == "FINISHED"
     assert jobs["reference/reference"].info.status == "FAILED"
-    assert jobs["reference/reference"].data.tags["mlflow.note.content"] == "window 3: the label is NaN"
+    said = jobs["reference/reference"].data.tags["mlflow.note.content"]
+    assert said.endswith("**Failed:**\n\n```\nwindow 3: the label is NaN\n```")
     seeds = {name: run.info.status for name, run in store.runs("seed").items()}
     assert seeds["reference/seed-1"] == "FAILED"
     assert seeds["delayed/seed-1"] == "FINISHED"
