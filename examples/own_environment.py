@@ -25,7 +25,9 @@ class Kiosk(gymnasium.Env[np.int64, np.int64]):
     observation_space = gymnasium.spaces.Discrete(ROOM + 1)
     action_space = gymnasium.spaces.Discrete(len(ORDERS))
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.int64, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.int64, dict[str, Any]]:
         """An empty kiosk."""
         super().reset(seed=seed)
         self._boxes = 0

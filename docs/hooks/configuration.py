@@ -138,5 +138,3 @@ def code(value: str) -> str:
 def escaped(text: str) -> str:
     """Text in a cell of a table: no character of it is markup."""
     return re.sub(r"([|*_<>\[\]`~])", r"\\\1", text)
-
-

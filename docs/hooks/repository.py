@@ -30,7 +30,7 @@ def shown(path: str, name: str | None) -> str:
             raise ValueError(f"{path} has no {name}")
         text = "\n".join(text.splitlines()[found[0].lineno - 1 : found[0].end_lineno])
     language = {".py": "python", ".yaml": "yaml"}.get(Path(path).suffix, "text")
-    return f"```{language} title=\"{path}\"\n{text.strip()}\n```"
+    return f'```{language} title="{path}"\n{text.strip()}\n```'
 
 
 def moved(path: str) -> str:
@@ -41,7 +41,9 @@ def moved(path: str) -> str:
 def home() -> str:
     """The README as a page of docs/."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    return HOME.sub(lambda link: link[1].removeprefix("docs/") if link[1].startswith("docs/") else f"../{link[1]}", text)
+    return HOME.sub(
+        lambda link: link[1].removeprefix("docs/") if link[1].startswith("docs/") else f"../{link[1]}", text
+    )
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
