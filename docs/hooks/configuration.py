@@ -18,9 +18,9 @@ from credit.config.kinds import CHOICES
 KEY = re.compile(r"^(?P<indent> *)(?P<key>\w+):(?: +(?P<value>[^#]*?))? *(?:# (?P<comment>.*))?$")
 HEAD = """# Configuration
 
-Everything that can be chosen and set, made from the files of `conf/` and the constructors of their classes: `credit list`
-shows the same in a terminal, with what your own packages add. `group=option` chooses a part, `key=value` sets a key, and
-`credit check` says what is wrong with both. How to read it: [Commands](commands.md#how-a-configuration-is-typed).
+Everything that can be chosen and set, made from the files of `conf/` and the constructors of their classes: `credit
+list` shows the same in a terminal, with what your own packages add. `group=option` chooses a part, `key=value` sets a
+key, and `credit check` says what is wrong with both. How to read it: [Commands](commands.md#how-a-configuration-is-typed).
 """
 
 
@@ -90,7 +90,7 @@ def keys(kind: str, path: Path) -> list[Parameter]:
 
 
 def meant(kind: str, path: Path) -> dict[str, str]:
-    """Key → what it is: the comment beside it, else the docstring of its class, else what the file says it starts from."""
+    """Key → what it is: the comment beside it, else its class's docstring, else what the file says it starts from."""
     node = registered.read(path)
     found = {key: said for key, _, said in commented(path) if said}
     if "_target_" in node:
