@@ -20,7 +20,8 @@ HEAD = """# Configuration
 
 Everything that can be chosen and set, made from the files of `conf/` and the constructors of their classes: `credit
 list` shows the same in a terminal, with what your own packages add. `group=option` chooses a part, `key=value` sets a
-key, and `credit check` says what is wrong with both. How to read it: [Commands](commands.md#how-a-configuration-is-typed).
+key, and `credit check` says what is wrong with both.
+How they are typed: [Commands](commands.md#how-a-configuration-is-typed).
 """
 
 

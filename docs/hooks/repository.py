@@ -41,9 +41,7 @@ def moved(path: str) -> str:
 def home() -> str:
     """The README as a page of docs/."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    return HOME.sub(
-        lambda link: link[1].removeprefix("docs/") if link[1].startswith("docs/") else f"../{link[1]}", text
-    )
+    return HOME.sub(r"../\1", text).replace("](../docs/", "](")
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:

@@ -1,7 +1,7 @@
-"""Commands of the pages: what stands behind `<!-- run -->` is run, and printed what the page shows, but for its numbers.
+"""Commands of the pages: what stands behind `<!-- run -->` is run, and prints what the page shows, but for numbers.
 
-`<!-- run: slow -->` and `<!-- run: thorough -->` are marks of pytest; `, exit 2` says how the commands end. The blocks of a
-page with one mark run one after the other, in one folder.
+`<!-- run: slow -->` and `<!-- run: thorough -->` are marks of pytest; `, exit 2` says how the commands end. The blocks
+of a page with one mark run one after the other, in one folder.
 """
 
 from __future__ import annotations

@@ -21,20 +21,8 @@ MADE = {"configuration.md"}  # at build time
 METRIC = re.compile(r"^\| `(\w+/[^`]+)`(?:, `(\w+/[^`]+)`)? \|", re.M)
 NAME = re.compile(r"<\w+>")
 ADVERTISER = ("method=disagreement", "trainer.steps=70")
-PENDULUM = (
-    "env=gymnasium",
-    "env.id=Pendulum-v1",
-    "method=reference",
-    "trainer.steps=400",
-    "trainer.steps_per_round=200",
-)
-CARTPOLE = (
-    "env=gymnasium",
-    "env.id=CartPole-v1",
-    "method=reference",
-    "trainer.steps=400",
-    "trainer.steps_per_round=200",
-)
+SHORT = ("env=gymnasium", "method=reference", "feedback=block_sum", "feedback.window=20", "trainer.steps=400")
+PENDULUM, CARTPOLE = ((*SHORT, f"env.id={name}-v1", "trainer.steps_per_round=200") for name in ("Pendulum", "CartPole"))
 MAZE = ("experiment=pointmaze", "method=reference", "trainer.steps=3000", "agent.first_updates=4", "agent.updates=4")
 RUNS = [
     ADVERTISER,
