@@ -37,7 +37,7 @@ def page() -> Iterator[str]:
     yield "## Keys of every run\n"
     yield from table(("key", "default", "what it is"), run_keys())
     for kind, said in kinds().items():
-        yield f"\n## {kind}\n\n{escaped(said)[:1].upper()}{escaped(said)[1:]}.\n"
+        yield f"\n## {kind}\n\n{sentence(said)}\n"
         if kind in CHOICES:
             rows = [(f"`{name}`", escaped(registered.describe_file(path))) for name, path in ours(kind).items()]
             yield from table((f"`{kind}=`", "what it is"), rows)
@@ -50,6 +50,12 @@ def page() -> Iterator[str]:
         yield f"\n### `hydra/launcher={path.stem}`\n\n{escaped(registered.describe_file(path))}\n"
         rows = [(f"`hydra.launcher.{key}`", code(value), escaped(said)) for key, value, said in commented(path)]
         yield from table(("key", "default", "what it is"), rows)
+
+
+def sentence(text: str) -> str:
+    """A line of help as a sentence."""
+    whole = text if text.endswith("…") else f"{text}."
+    return escaped(whole[0].upper() + whole[1:])
 
 
 def ours(kind: str) -> dict[str, Path]:
