@@ -6,7 +6,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from credit.cli.common import Words
 from credit.cli.main import guarded
@@ -63,20 +63,41 @@ def require_kind(kind: str) -> None:
         raise UserError(f"{kind!r} is no kind; {nearest(kind, kinds())}")
 
 
+class Parameter(NamedTuple):
+    """A key of an option: its default, what its signature allows ("" for a variant of another file), and wishes.
+
+    `elsewhere` is what it is in experiments that say something else, such as `0.3 in pointmaze`, or "".
+    """
+
+    name: str
+    default: str
+    allowed: str
+    elsewhere: str
+
+
 def parameters(kind: str, path: Path, config_dirs: Sequence[str] = ()) -> list[str]:
     """One line a parameter: `name = default   what is allowed; what it is in experiments that say something else`."""
+    return [
+        f"{name} = {default}" + (f"   ({'; '.join(said)})" if (said := [*filter(None, rest)]) else "")
+        for name, default, *rest in described(kind, path, config_dirs)
+    ]
+
+
+def described(kind: str, path: Path, config_dirs: Sequence[str] = ()) -> list[Parameter]:
+    """Every key of an option, but for those that hold other components.
+
+    Raises:
+        UserError: its file is no YAML, or names no class that may be built.
+    """
     node = files.read(path)
     elsewhere = wished(kind, path, node, config_dirs)
     if "_target_" not in node:  # a variant of another file
         values = {key: value for key, value in node.items() if key != "defaults"}
-        return [
-            f"{key} = {shown(values.get(key, '…'))}{f'   ({elsewhere[key]})' if key in elsewhere else ''}"
-            for key in dict.fromkeys([*values, *elsewhere])
-        ]
+        names = dict.fromkeys([*values, *elsewhere])
+        return [Parameter(key, shown(values.get(key, "…")), "", elsewhere.get(key, "")) for key in names]
     hints = classes.parameters(str(path), node)
     return [
-        f"{name} = {shown(node.get(name, default))}   "
-        f"({'; '.join(filter(None, [signatures.describe(hint), elsewhere.get(name)]))})"
+        Parameter(name, shown(node.get(name, default)), signatures.describe(hint), elsewhere.get(name, ""))
         for name, (hint, default) in hints.items()
         if signatures.component_kind(hint) is None
     ]

@@ -1,4 +1,4 @@
-"""What a learner is worth, judged by the truth it never saw. The README's glossary gives each equation."""
+"""What a learner is worth, judged by the truth it never saw. docs/metrics.md gives each equation."""
 
 from __future__ import annotations
 

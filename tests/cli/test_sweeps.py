@@ -1,4 +1,4 @@
-"""Sweeps that stand in files: what they expand to, against the words of the README typed out."""
+"""Sweeps that stand in files: what they expand to, against the words of the pages typed out."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_every_file_composes_and_checks(name):
 
 
 def grid(words: str) -> list[dict[str, str]]:
-    """The jobs of a command of the README, by a second, naive reading of its words."""
+    """The jobs of a command of the pages, by a second, naive reading of its words."""
     pairs = [word.partition("=")[::2] for word in shlex.split(words)]
     values = [[value] if value.startswith("[") else value.split(",") for _, value in pairs]
     return [dict(zip([key for key, _ in pairs], choice, strict=True)) for choice in itertools.product(*values)]

@@ -39,7 +39,8 @@ def numbers(line: str) -> list[float]:
 
 def test_there_is_a_test_for_every_example() -> None:
     text = Path(__file__).read_text(encoding="utf-8")
-    assert [path.name for path in EXAMPLES.iterdir() if f'"{path.name}"' not in text] == []
+    notebooks = (EXAMPLES.parent / "tests" / "docs" / "test_notebook.py").read_text(encoding="utf-8")
+    assert [path.name for path in EXAMPLES.iterdir() if f'"{path.name}"' not in text + notebooks] == []
 
 
 def test_rewards_are_recovered_from_windows(tmp_path: Path) -> None:
@@ -128,3 +129,15 @@ def test_a_torchrl_buffer_samples_recovered_rewards(capsys: pytest.CaptureFixtur
     assert -3 < found[-1] < 1
     assert found[-100] < -80
     assert "on average" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_an_environment_of_ones_own_is_learned(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = runpy.run_path(str(EXAMPLES / "own_environment.py"))["main"](1)
+    assert {*found} == {"random", "reference"}
+    assert all(-40 < earned < 40 for earned in found.values())
+    assert "earns" in capsys.readouterr().out
+    assert len([*tmp_path.glob("outputs/Kiosk-v0/*/*/seed-0/DONE")]) == 2

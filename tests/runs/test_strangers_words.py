@@ -1,4 +1,4 @@
-"""What a stranger types for an environment that has no experiment of its own, word for word as the README has it."""
+"""What a stranger types for an environment that has no experiment of its own, word for word as the pages have it."""
 
 from __future__ import annotations
 
