@@ -1,18 +1,34 @@
 # Two commands do all on a fresh machine: `make demo` and `make test`.
 PYTHON ?= python3
 BIN := .venv/bin
+PIP := $(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt
+RUNS := .venv/.runs
+DOCS := .venv/.docs
 STAMP := .venv/.installed
 export PYTHONDONTWRITEBYTECODE =  # tests start many commands, which import a compiled credit as a user's do
 
 .PHONY: demo test test-thorough test-slow test-processors golden docs lint format wheel clean
 
-$(STAMP): pyproject.toml constraints.txt
+# Credit alone, with what builds its pages, and with all that its tests need: each is a part of the last.
+$(RUNS): pyproject.toml constraints.txt
+	@echo "setting up .venv: credit and what it runs on"
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --disable-pip-version-check -e '.[test]' -c constraints.txt
-	touch $(STAMP)
+	$(PIP) -e .
+	touch $@
+
+$(DOCS): $(RUNS)
+	@echo "setting up .venv: what builds the pages"
+	$(PIP) -e '.[docs]'
+	touch $@
+
+$(STAMP): pyproject.toml constraints.txt
+	@echo "setting up .venv: credit and all that its tests need"
+	$(PYTHON) -m venv .venv
+	$(PIP) -e '.[test]'
+	touch $(RUNS) $(DOCS) $@
 
 # The main job: the paper's Table 1, 20 seeds of every method, in the terminal, as figures and in MLflow.
-demo: $(STAMP)
+demo: $(RUNS)
 	$(BIN)/credit train -m experiment=advertiser method=block,delayed,reference,adaptive_mse,disagreement seed=0 replicas=20
 	$(BIN)/credit compare experiment=advertiser
 
@@ -35,7 +51,7 @@ golden: $(STAMP)
 	$(BIN)/python tests/golden/compare.py
 
 # The pages, into site/, without a network: open site/index.html.
-docs: $(STAMP)
+docs: $(DOCS)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 lint: $(STAMP)
