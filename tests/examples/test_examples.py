@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import re
@@ -11,7 +12,10 @@ import sys
 import tomllib
 from pathlib import Path
 
+import pandas as pd
 import pytest
+
+import credit
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples"
@@ -68,6 +72,28 @@ def test_labels_are_made_of_rewards(tmp_path: Path) -> None:
     assert {*last} <= {-1.0, 0.0, 1.0}
     assert all(one in (0, 1) for one in success)
     assert any(sums)
+
+
+@pytest.mark.thorough
+def test_episodes_until_watch_repair_is_solved(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = [
+        "env=watch_repair",
+        "method=reference",
+        "bonus=[]",
+        "trainer.log_every=1",
+        "trainer.steps=500",
+        "replicas=2",
+    ]
+    run = credit.run([*words, f"output={tmp_path}", "tracking=none"])
+    example = runpy.run_path(str(EXAMPLES / "episodes_to_solve.py"))
+    right = pd.DataFrame({"return/greedy": [0.0] * 3 + [example["OPTIMUM"]] * 96})
+    right.index = pd.Index(range(500, 50_000, 500))  # steps: ten episodes between two looks
+    one = dataclasses.replace(credit.load(run.folders[0]), metrics=right)
+    assert example["solved"](one) == 750  # of 75 looks three may be wrong, and the first three are
+    wrong = right.assign(**{"return/greedy": 0.0})
+    assert example["solved"](dataclasses.replace(one, metrics=wrong)) == float("inf")
+    example["main"](tmp_path / "watch_repair")
+    assert "0 of 2 seeds; regret" in capsys.readouterr().out
 
 
 @pytest.fixture
