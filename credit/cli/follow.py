@@ -19,6 +19,7 @@ from credit.runs.catalogue import progress_of
 
 EVERY = 0.25  # seconds between two looks at the board
 SAID_EVERY = 30.0  # seconds between two lines where there are no bars
+KNOWN = 0.05  # of all that is to be done: from there on its pace is known
 RUNNING_SHOWN = 8
 
 
@@ -97,7 +98,7 @@ class Follower:
                 self._show(number, facts)
         share = self._share()
         if self._total > 1:
-            left = _left((time.monotonic() - self._begun) * (1 / share - 1)) if share else ""
+            left = _left(self._rest(share))
             self._progress.update(
                 self._all, completed=share * self._total, description=f"{self._total} jobs", left=left
             )
@@ -110,6 +111,10 @@ class Follower:
         running = (facts for facts in self.facts.values() if facts["state"] == "running" and facts["total"])
         return (len(self._said) + sum(facts["steps"] / facts["total"] for facts in running)) / self._total
 
+    def _rest(self, share: float) -> float | None:
+        """Seconds until all is done, at the pace so far; at the very beginning nobody knows."""
+        return (time.monotonic() - self._begun) * (1 / share - 1) if share >= KNOWN else None
+
     def _meanwhile(self, share: float) -> str:
         """What a log is told every now and then."""
         first = next((facts for facts in self.facts.values() if facts["state"] == "running"), None)
@@ -117,9 +122,9 @@ class Follower:
             left = progress_of(first).left if first else None
             name = first["title"] if first else "starting"
         else:
-            left = (time.monotonic() - self._begun) * (1 / share - 1) if share else None
+            left = self._rest(share)
             name = f"{len(self._said)} of {self._total} jobs ended"
-        return f"running {name or 'starting'}: {share:.0%}" + (f", {_left(left)}" if left is not None else "")
+        return ", ".join(filter(None, [f"running {name or 'starting'}: {share:.0%}", _left(left)]))
 
     def _show(self, number: int, facts: dict[str, Any]) -> None:
         """The bar of a job that runs; its title says what it has come to."""
@@ -127,7 +132,7 @@ class Follower:
         total, seconds = facts["total"] or None, progress_of(facts).left
         if number not in self._bars:
             self._bars[number] = self._progress.add_task(escape(title), total=total, left="")
-        left = "" if seconds is None else _left(seconds)
+        left = _left(seconds)
         bar = self._bars[number]
         self._progress.update(bar, completed=facts["steps"], total=total, description=escape(title), left=left)
 
@@ -139,5 +144,5 @@ class Follower:
         return self._board.session / f"job-{number}.log"
 
 
-def _left(seconds: float) -> str:
-    return f"{duration(seconds)} left"
+def _left(seconds: float | None) -> str:
+    return "" if seconds is None else f"{duration(seconds)} left"

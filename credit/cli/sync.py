@@ -90,7 +90,7 @@ def _sync(session: Path, output: Path, failing: set[str]) -> bool:
         if not alone:
             print(f"{name}: another process uploads it now")
             return True
-        state = upload(session, output, uri, seeds, lambda: not lives(session), SECONDS)
+        state = upload(session, output, uri, seeds, lambda: not lives(session), SECONDS, log=False)
     if state.since:
         failing.add(uri)
         print(

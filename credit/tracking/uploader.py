@@ -34,6 +34,7 @@ def upload(
     seeds: Seeds,
     orphaned: Callable[[], bool] = lambda: False,
     patience: float = PATIENCE,
+    log: bool = True,
 ) -> State:
     """Mirror a session until it has ended and everything is uploaded, or until another process goes on with it.
 
@@ -44,6 +45,7 @@ def upload(
         seeds: which seeds get a run of their own.
         orphaned: says whether the process that writes the journal is gone.
         patience: seconds of failures in a row that are borne once the session has ended.
+        log: whether failures are told on the error stream, with their tracebacks; they are in what is returned, too.
 
     Returns:
         How it ended; `problem` says what could not be uploaded.
@@ -63,7 +65,8 @@ def upload(
             progress = mirror.sync(alone)
         except Exception as error:  # whatever a store throws, the run goes on
             problem = reason(error)
-            _note_failure(problem, state)
+            if log:
+                _note_failure(problem, state)
             if ended and deadline is None:
                 deadline = time.monotonic() + patience
             over = deadline is not None and time.monotonic() >= deadline

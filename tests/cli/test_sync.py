@@ -46,6 +46,20 @@ def test_a_session_that_runs_is_left_alone(credit, folder):
     session.finish("KILLED")
 
 
+@pytest.mark.thorough
+def test_a_damaged_store_is_one_message(credit, folder):
+    assert credit("train", *SHORT).code == 0
+    for path in (folder / "outputs").glob("mlflow.db*"):
+        path.write_bytes(b"no database " * 400)
+    (session,) = (folder / "outputs/sessions").iterdir()
+    (session / "mlflow.json").unlink()
+    ended = credit("sync", str(session))
+    assert ended.code == 1
+    assert [line.partition(": ")[0] for line in ended.err.splitlines()][0] == "credit sync"
+    assert "file is not a database" in ended.err
+    assert len(ended.err.splitlines()) == 2
+
+
 @pytest.mark.slow
 def test_the_command_line_from_an_outage_to_the_store(credit, folder):
     ended = credit("train", *SHORT, "tracking.uri=http://127.0.0.1:9")
