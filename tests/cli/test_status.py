@@ -21,7 +21,7 @@ SHORT = ("trainer.steps=70", "replicas=2", "tracking=none")
 def begun(output: Path, argv: tuple[str, ...] = ("train", "-m", "seed=0,1")) -> Session:
     """A sweep of two jobs that this process is at."""
     session = Session.begin(output, "sweep", "advertiser", argv, None, [{"slug": "a"}, {"slug": "b"}])
-    Board(session.folder).clear([])
+    Board(session.folder).clear()
     return session
 
 

@@ -55,7 +55,7 @@ def test_a_damaged_store_is_one_message(credit, folder):
     (session / "mlflow.json").unlink()
     ended = credit("sync", str(session))
     assert ended.code == 1
-    assert [line.partition(": ")[0] for line in ended.err.splitlines()][0] == "credit sync"
+    assert ended.err.startswith("credit sync: ")
     assert "file is not a database" in ended.err
     assert len(ended.err.splitlines()) == 2
 

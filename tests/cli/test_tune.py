@@ -76,6 +76,7 @@ def searched(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, E
         yield folder, ran("tune", *WORDS, SCALES, "trials=3", "report_replicas=3")
 
 
+@pytest.mark.thorough
 def test_a_search_tunes_on_some_seeds_and_reports_on_others(searched):
     folder, ended = searched
     assert ended.code == 0, ended.err

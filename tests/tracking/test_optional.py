@@ -36,6 +36,7 @@ def test_a_run_needs_no_tracker(tmp_path: Path) -> None:
     assert list(tmp_path.glob("outputs/advertiser/reference/*/seed-0/DONE"))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["mlflow", "tensorboard", "wandb"])
 def test_a_tracker_that_is_not_there_is_named_with_its_extra(tmp_path: Path, kind: str) -> None:
     done = without(tmp_path, "train", f"tracking={kind}", *SHORT)
