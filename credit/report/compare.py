@@ -29,7 +29,7 @@ TEXTS = {  # every report has these
     "table.tex": tables.latex,
     "runs.csv": tables.runs_csv,
 }
-KINDS = ("diagnostics", "maps", "demonstrations", "trajectories")  # figures that not every report has
+KINDS = ("diagnostics", "maps", "doubts", "demonstrations", "trajectories")  # figures that not every report has
 
 
 @dataclass(frozen=True, repr=False)
@@ -189,10 +189,11 @@ def _figures(comparisons: Sequence[Comparison], diagnostics_seed: int | None) ->
         figures["curves"] = curves_figure(comparisons)
         figures["distribution"] = distribution_figure(comparisons)
         for comparison in comparisons:
-            maps = recovered_maps(comparison.runs, diagnostics_seed)
-            if maps is not None:
-                kind = "diagnostics" if maps.by_cell else "maps"
-                figures["_".join(filter(None, [kind, comparison.runs.setting.name]))] = heatmaps_figure(maps)
+            for doubts in (False, True):
+                maps = recovered_maps(comparison.runs, diagnostics_seed, doubts)
+                if maps is not None:
+                    kind = "doubts" if doubts else "diagnostics" if maps.by_cell else "maps"
+                    figures["_".join(filter(None, [kind, comparison.runs.setting.name]))] = heatmaps_figure(maps)
         figures |= maze_figures(comparisons, diagnostics_seed)
     return figures
 

@@ -23,37 +23,40 @@ Grid = np.ndarray[Any, np.dtype[np.object_]]  # of axes
 
 
 def heatmaps_figure(maps: Maps) -> Figure:
-    """One panel a table: truth, every reward model, the mixture, and last the reference's weight.
+    """One panel a table, those of one scale first, and last that of another: the reference's weight, or visits.
 
     Args:
         maps: the tables; fields that were not visited are hatched.
     """
-    panels = len(maps.blocks[0].rewards) + 1
+    panels = len(maps.blocks[0].tables) + 1
     columns = 4 if panels > 6 and not maps.by_cell else 3
     rows = -(-panels // columns)
     figure = Figure(figsize=(11.2, (0.6 + 1.55 * rows) * len(maps.blocks)), layout="constrained")
-    every = np.stack([table for block in maps.blocks for table in block.rewards.values()])
-    scale = Normalize(float(np.nanmin(every)), float(np.nanmax(every)))
+    every = np.stack([table for block in maps.blocks for table in block.tables.values()])
+    scales = Normalize(float(np.nanmin(every)), float(np.nanmax(every))), SHARE
+    if maps.units[1] == "visits":
+        scales = scales[0], Normalize(0, max(float(np.nanmax(block.last)) for block in maps.blocks))
     parts = figure.subfigures(len(maps.blocks), 1, squeeze=False)[:, 0] if len(maps.blocks) > 1 else [figure]
     for part, block in zip(parts, maps.blocks, strict=True):
-        _draw_block(block, part.subplots(rows, columns, squeeze=False), maps.axes, scale)
+        _draw_block(block, part.subplots(rows, columns, squeeze=False), maps, scales)
         if block.title:
             part.suptitle(block.title, fontsize=9, fontweight="bold", x=0.01, ha="left")
     style.entitle(figure, maps.title)
     return figure
 
 
-def _draw_block(block: Block, grid: Grid, axes: tuple[str, ...], scale: Normalize) -> None:
+def _draw_block(block: Block, grid: Grid, maps: Maps, scales: tuple[Normalize, Normalize]) -> None:
     *places, last = grid.ravel()
-    for place, (title, table) in zip(places, block.rewards.items(), strict=False):
-        _draw(place, table, block.seen, axes, SHADES, scale)
+    for place, (title, table) in zip(places, block.tables.items(), strict=False):
+        _draw(place, table, block.seen, maps.axes, SHADES, scales[0])
         place.set_title(title, fontweight="normal")
-    for place in places[len(block.rewards) :]:
+    for place in places[len(block.tables) :]:
         place.set_visible(False)
-    _draw(last, block.weight, block.seen, axes, BLUES, SHARE)
-    last.set_title(block.weight_title, fontweight="normal")
-    # The weight stands last in the last row, so that its bar can stand beside it.
-    for panels, limits, colours, label in ((grid[:-1], scale, SHADES, "reward"), (grid[-1], SHARE, BLUES, "weight")):
+    _draw(last, block.last, block.seen, maps.axes, BLUES, scales[1])
+    last.set_title(block.last_title, fontweight="normal")
+    # It stands last in the last row, so that its bar can stand beside it.
+    rest = grid[:-1] if len(grid) > 1 else grid[:, :-1]
+    for panels, limits, colours, label in zip((rest, grid[-1]), scales, (SHADES, BLUES), maps.units, strict=True):
         bar = grid[0, 0].figure.colorbar(ScalarMappable(limits, colours), ax=panels, fraction=0.02, pad=0.01)
         bar.outline.set_visible(False)
         bar.ax.tick_params(labelsize=7.5)
@@ -69,7 +72,9 @@ def _draw(
             continue
         shade = colours(float(scale(value)))
         bright = 0.299 * shade[0] + 0.587 * shade[1] + 0.114 * shade[2] > 0.55
-        text = place.text(column, row, _short(value), ha="center", va="center", fontsize=7)
+        text = place.text(
+            column, row, _short(value, whole=colours is BLUES and scale.vmax != 1), ha="center", va="center", fontsize=7
+        )
         text.set_color("black" if bright else "white")
         if not seen[row, column]:
             corner = (column - 0.5, row - 0.5)
@@ -83,7 +88,9 @@ def _draw(
     place.set_ylabel(axes[1] if len(axes) > 1 else "", fontsize=8, labelpad=4)
 
 
-def _short(value: float) -> str:
-    """Two decimals without the leading zero, as in −.05."""
+def _short(value: float, whole: bool) -> str:
+    """Two decimals without the leading zero, as in −.05; a whole number of what is counted."""
+    if whole:
+        return f"{value:.0f}" if value < 9_999.5 else f"{value / 1000:.0f}k"
     digits = f"{abs(value):.2f}".removeprefix("0")
     return digits if value > -0.005 else "−" + digits

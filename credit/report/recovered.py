@@ -1,4 +1,4 @@
-"""What a learner believes about the reward at the end, as maps that can be drawn: cell by cell, or over two axes."""
+"""What a learner believes about the reward at the end, and how far, as maps: cell by cell, or over two axes."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ class Block:
 
     Attributes:
         title: which steps; empty where the tables do not depend on the step.
-        rewards: title → truth, every reward model, the mixture.
-        weight_title: whose weight. weight: its map.
+        tables: title → maps on one scale: rewards, or what tells how far these can be trusted.
+        last_title, last: the map of another scale that stands last: the reference's weight, or visits.
         seen: whether any cell of a group was visited; what was not is a plain mean over its cells.
     """
 
     title: str
-    rewards: Mapping[str, Array]
-    weight_title: str
-    weight: Array
+    tables: Mapping[str, Array]
+    last_title: str
+    last: Array
     seen: NDArray[np.bool_]
 
 
@@ -50,16 +50,18 @@ class Maps:
         axes: what the maps are drawn over, the horizontal axis first.
         by_cell: whether each field of a map is one cell of the tables.
         blocks: one, or two where the tables depend on the step.
+        units: what the tables and the last map are in.
     """
 
     title: str
     axes: tuple[str, ...]
     by_cell: bool
     blocks: tuple[Block, ...]
+    units: tuple[str, str]
 
 
-def recovered_maps(runs: Runs, seed: int | None = None) -> Maps | None:
-    """Truth, every reward model, the mixture and the reference's weight.
+def recovered_maps(runs: Runs, seed: int | None = None, doubts: bool = False) -> Maps | None:
+    """Truth, every reward model, the mixture and the reference's weight; or how far they can be trusted, and visits.
 
     Shown is `disagreement`, or the first method that recovers a reward where it has no runs. Tables of at most 60
     cells are averaged over seeds, cell by cell. Larger ones are averaged over the cells of all seeds that fall on one
@@ -69,6 +71,8 @@ def recovered_maps(runs: Runs, seed: int | None = None) -> Maps | None:
     Args:
         runs: finished runs of one setting.
         seed: take this seed alone; by default all seeds.
+        doubts: instead of rewards √m of every model (10), (11), √Δ̂² of every surrogate (9), in units of the reward, and
+            how often a place was visited.
 
     Returns:
         The maps, or None where the runs have no recovery, or tables that are large and have no axes.
@@ -89,38 +93,46 @@ def recovered_maps(runs: Runs, seed: int | None = None) -> Maps | None:
     chosen = group if seed is None else group[group["seed"] == seed]
     who = f"seed {chosen['seed'].iloc[0]}" if len(chosen) == 1 else f"mean over {len(chosen)} seeds"
     setting = f" ({heading(runs)})" if runs.setting.name else ""
-    return _maps(f"{runs.experiment}: {name}{setting}, end of training, {who}", chosen)
+    return _maps(f"{runs.experiment}: {name}{setting}, end of training, {who}", chosen, doubts)
 
 
 def _recovery_file(folder: str) -> Path:
     return Path(folder) / FILE
 
 
-def _maps(title: str, chosen: pd.DataFrame) -> Maps | None:
+def _maps(title: str, chosen: pd.DataFrame, doubts: bool) -> Maps | None:
     stacks: dict[str, list[Array]] = {}
     for folder in chosen["folder"]:
         with arrays(folder, FILE) as data:
             cells = tuple(data["cells"].tolist()) if "cells" in data else PAIRS
             models = [str(model) for model in data["models"]]
             keys = ["reward/true", *(f"reward/{model}" for model in models), "reward/mixed", f"weight/{models[0]}"]
+            shape = data["reward/mixed"].shape
+            if doubts:
+                squares = [*(f"mse/{model}" for model in models), *(f"disagreement/{model}" for model in models[1:])]
+                keys = [key for key in squares if key in data]
             tables = {key: np.asarray(data[key], dtype=float) for key in keys if key in data}
-            shape = tables["reward/mixed"].shape
+            if doubts:
+                tables = {key: np.sqrt(np.maximum(table, 0.0)) for key, table in tables.items()}
             if len(tables) < len(keys) or any(t.shape != shape for t in tables.values()) or len(cells) != len(shape):
                 return None
-            by_cell = tables["reward/mixed"].size <= MOST_CELLS
+            by_cell = int(np.prod(shape)) <= MOST_CELLS
             axes = _indices(cells, shape) if by_cell else {key[5:]: data[key] for key in data if key[:5] == "axis/"}
-            if not axes:
+            if not axes or not tables:
                 return None
             tables["visits"] = np.ones(shape) if by_cell else data["visits"]
+            if doubts:
+                tables["times"] = np.asarray(data["visits"], dtype=float)
             for key, table in tables.items():
                 stacks.setdefault(key, []).append(table)
     tables = {key: np.stack(values) for key, values in stacks.items()}
-    blocks = tuple(_block(label, tables, models, axes, where) for label, where in _steps(cells, shape))
+    block = _doubted if doubts else _rewarded
+    blocks = tuple(block(_Fields(tables, axes, where), label, models) for label, where in _steps(cells, shape))
     if not by_cell:
         title += ", weighted by visits"
-        unseen = any((~block.seen & np.isfinite(block.weight)).any() for block in blocks)
+        unseen = any((~found.seen & np.isfinite(next(iter(found.tables.values())))).any() for found in blocks)
         title += "; hatched: never visited" if unseen else ""
-    return Maps(title, tuple(axes), by_cell, blocks)
+    return Maps(title, tuple(axes), by_cell, blocks, ("reward", "visits" if doubts else "weight"))
 
 
 def _indices(cells: tuple[str, ...], shape: tuple[int, ...]) -> Axes:
@@ -138,28 +150,48 @@ def _steps(cells: tuple[str, ...], shape: tuple[int, ...]) -> list[tuple[str, ND
     return [*earlier, (f"step {last}", step == last - 1)]
 
 
-def _block(title: str, tables: Mapping[str, Array], models: list[str], axes: Axes, where: NDArray[np.bool_]) -> Block:
-    columns, *rows = [np.asarray(place, dtype=np.int64) for place in axes.values()]
-    lines = rows[0] if rows else np.zeros_like(columns)
-    size = (int(lines.max()) + 1, int(columns.max()) + 1)
-    inside = {key: table[:, where] for key, table in tables.items()}
-    fields = np.broadcast_to((lines * size[1] + columns)[where], inside["visits"].shape).ravel()
+class _Fields:
+    """Tables of all seeds as maps over the axes: the cells that fall on a field together, weighted by visits."""
 
-    def total(values: Array) -> Array:
-        sums = np.bincount(fields, values.ravel(), minlength=size[0] * size[1])
-        return np.asarray(sums, dtype=float).reshape(size)
+    def __init__(self, tables: Mapping[str, Array], axes: Axes, where: NDArray[np.bool_]) -> None:
+        columns, *rows = [np.asarray(place, dtype=np.int64) for place in axes.values()]
+        lines = rows[0] if rows else np.zeros_like(columns)
+        self._size = (int(lines.max()) + 1, int(columns.max()) + 1)
+        self.inside = {key: table[:, where] for key, table in tables.items()}
+        place = (lines * self._size[1] + columns)[where]
+        self._fields = np.broadcast_to(place, self.inside["visits"].shape).ravel()
+        self.visits = self.total(self.inside["visits"])
 
-    visits = total(inside["visits"])
+    def total(self, values: Array) -> Array:
+        """The sum over the cells of a field, and over seeds."""
+        sums = np.bincount(self._fields, values.ravel(), minlength=self._size[0] * self._size[1])
+        return np.asarray(sums, dtype=float).reshape(self._size)
 
-    def mean(key: str) -> Array:
+    def mean(self, key: str) -> Array:
+        """The mean over the cells of a field, and over seeds."""
+        inside, visits = self.inside[key], self.inside["visits"]
         with np.errstate(invalid="ignore"):  # 0/0 where no cell falls, or none was visited
-            plain = total(inside[key]) / total(np.ones_like(inside[key]))
-            return np.where(visits > 0, total(inside[key] * inside["visits"]) / visits, plain)
+            plain = self.total(inside) / self.total(np.ones_like(inside))
+            return np.where(self.visits > 0, self.total(inside * visits) / self.visits, plain)
 
-    rewards = {"True reward": mean("reward/true")}
+
+def _rewarded(fields: _Fields, title: str, models: list[str]) -> Block:
+    tables, true = {"True reward": fields.mean("reward/true")}, fields.inside["reward/true"]
     for key in [*(f"reward/{model}" for model in models), "reward/mixed"]:
-        error = float(np.mean((inside[key] - inside["reward/true"]) ** 2))
-        name = key.removeprefix("reward/").replace("_", " ").capitalize()
-        rewards[f"{name} reward (MSE {error:.2g})"] = mean(key)
-    weight = f"Weight of {models[0].replace('_', ' ')}"
-    return Block(title, rewards, weight, mean(f"weight/{models[0]}"), visits > 0)
+        error = float(np.mean((fields.inside[key] - true) ** 2))
+        tables[f"{_words(key).capitalize()} reward (MSE {error:.2g})"] = fields.mean(key)
+    reference = f"weight/{models[0]}"
+    return Block(title, tables, f"Weight of {_words(reference)}", fields.mean(reference), fields.visits > 0)
+
+
+def _doubted(fields: _Fields, title: str, models: list[str]) -> Block:
+    titles = {"mse": "√MSE proxy of {}", "disagreement": f"|{_words(f'mse/{models[0]}')} − {{}}|"}
+    keys = [key for key in fields.inside if key not in ("visits", "times")]
+    tables = {titles[key.partition("/")[0]].format(_words(key)): fields.mean(key) for key in keys}
+    seeds = len(fields.inside["times"])
+    return Block(title, tables, "Visits", fields.total(fields.inside["times"]) / seeds, fields.visits > 0)
+
+
+def _words(key: str) -> str:
+    """The name in a key, as it is written in a title."""
+    return key.partition("/")[2].replace("_", " ")

@@ -64,23 +64,23 @@ def test_large_tables_are_averaged_over_two_axes(
     said = "end of training, mean over 2 seeds, weighted by visits; hatched: never visited"
     assert maps.title == f"advertiser: Disagreement-UCB, {said}"
     block = maps.blocks[0]
-    drawn = dict(zip(SMALL, block.rewards.values(), strict=True))
+    drawn = dict(zip(SMALL, block.tables.values(), strict=True))
     for ward, dose in np.ndindex(3, 2):
         for name in SMALL:
             assert drawn[name][dose, ward] == pytest.approx(
                 by_hand(files, f"reward/{name}", ward, dose), nan_ok=True, abs=1e-12
             )
-        assert block.weight[dose, ward] == pytest.approx(by_hand(files, "weight/ridge", ward, dose), nan_ok=True)
+        assert block.last[dose, ward] == pytest.approx(by_hand(files, "weight/ridge", ward, dose), nan_ok=True)
     assert block.seen.tolist() == [[True, False, True], [True, True, False]]
-    assert np.isnan(block.weight[1, 2])
-    assert not np.isnan(block.weight[0, 1])
+    assert np.isnan(block.last[1, 2])
+    assert not np.isnan(block.last[0, 1])
 
 
 def test_one_seed_can_be_drawn_alone(write_run: WriteRun, tmp_path: Path):
     files = [synthetic(seed, None, (S, A)) for seed in range(2)]
     maps = maps_of(write_run, tmp_path, files, seed=1)
     assert maps is not None
-    assert maps.blocks[0].weight[0, 0] == pytest.approx(by_hand(files[1:], "weight/ridge", 0, 0))
+    assert maps.blocks[0].last[0, 0] == pytest.approx(by_hand(files[1:], "weight/ridge", 0, 0))
 
 
 def test_the_last_step_stands_apart(write_run: WriteRun, tmp_path: Path):
@@ -90,11 +90,11 @@ def test_the_last_step_stands_apart(write_run: WriteRun, tmp_path: Path):
     assert [block.title for block in maps.blocks] == ["steps 1–4", "step 5"]
     for block, steps in zip(maps.blocks, (range(4), range(4, 5)), strict=True):
         for ward, dose in [(0, 0), (0, 1), (1, 0), (1, 1), (2, 0)]:
-            assert list(block.rewards.values())[-1][dose, ward] == pytest.approx(
+            assert list(block.tables.values())[-1][dose, ward] == pytest.approx(
                 by_hand(files, "reward/mixed", ward, dose, steps)
             )
         gaps = [((arrays["reward/ridge"] - arrays["reward/true"]) ** 2)[list(steps)] for arrays in files]
-        assert list(block.rewards)[1] == f"Ridge reward (MSE {np.mean(gaps):.2g})"
+        assert list(block.tables)[1] == f"Ridge reward (MSE {np.mean(gaps):.2g})"
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_small_tables_are_drawn_cell_by_cell_whatever_was_visited(write_run: Wri
     assert maps is not None
     assert (maps.by_cell, maps.axes) == (True, ("next state",))
     mixed = np.mean([arrays["reward/mixed"] for arrays in files], axis=0)
-    earlier, last = (list(block.rewards.values())[-1] for block in maps.blocks)
+    earlier, last = (list(block.tables.values())[-1] for block in maps.blocks)
     assert earlier == pytest.approx(mixed[:2].mean(axis=0, keepdims=True))
     assert last == pytest.approx(mixed[2:])
     assert "visited" not in maps.title
@@ -136,6 +136,30 @@ def test_every_table_has_a_panel_and_every_step_a_title(write_run: WriteRun, tmp
     # a hatched field a panel for what was never visited, none where there is no cell
     assert [len(axes.patches) for axes in panels] == [1] * 10
     assert [len(axes.texts) for axes in panels] == [5] * 10
+
+
+def test_doubts_are_drawn_in_units_of_the_reward_beside_visits(write_run: WriteRun, tmp_path: Path):
+    files = [synthetic(seed, ["state", "action"], (3, 4)) for seed in range(2)]
+    for seed, arrays in enumerate(files):
+        rng = np.random.default_rng(10 + seed)
+        arrays |= {key: rng.uniform(size=(3, 4)) for key in ("mse/ridge", "mse/health", "disagreement/health")}
+    maps_of(write_run, tmp_path, files)
+    maps = recovered_maps(load_runs(tmp_path / "outputs", "advertiser"), doubts=True)
+    assert maps is not None
+    (block,) = maps.blocks
+    assert list(block.tables) == ["√MSE proxy of ridge", "√MSE proxy of health", "|ridge − health|"]
+    for key, table in zip(("mse/ridge", "mse/health", "disagreement/health"), block.tables.values(), strict=True):
+        assert table == pytest.approx(np.mean([np.sqrt(arrays[key]) for arrays in files], axis=0).T)
+    assert block.last == pytest.approx(np.mean([arrays["visits"] for arrays in files], axis=0).T)
+    figure = heatmaps_figure(maps)
+    titles = [axes.get_title() for axes in figure.axes if axes.get_visible() and axes.get_title()]
+    assert titles == [*block.tables, "Visits"]
+    assert [text.get_text() for text in figure.axes[5].texts if "." in text.get_text()] == []  # counted, not rounded
+
+
+def test_where_nothing_is_doubted_there_is_no_such_map(write_run: WriteRun, tmp_path: Path):
+    maps_of(write_run, tmp_path, [synthetic(0, ["state", "action"], (3, 4))])
+    assert recovered_maps(load_runs(tmp_path / "outputs", "advertiser"), doubts=True) is None
 
 
 @pytest.mark.parametrize("content", [b"", b"PK", b"no archive"])
