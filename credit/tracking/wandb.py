@@ -6,6 +6,7 @@ import hashlib
 import os
 import shlex
 import struct
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
@@ -19,6 +20,7 @@ from credit.tracking.sessions import Seeds
 from credit.tracking.store import folder_of, resolve_uri
 
 _QUIET = {"WANDB_SILENT": "true", "WANDB_ERROR_REPORTING": "false"}
+SETTLED = 1.0  # seconds in which a file does not grow whose service has died
 _BLOCK = 32768  # bytes, in which a file of wandb's is written
 
 
@@ -73,6 +75,7 @@ class WandbLedger(Appending):
         import wandb
 
         self.forget_open(run.key)
+        here = self._steps(identity)
         self._folder.mkdir(parents=True, exist_ok=True)
         tags, card = run.card.tags, run.card
         opened = self._runs[run.key] = wandb.init(
@@ -89,7 +92,6 @@ class WandbLedger(Appending):
             reinit="create_new",
             settings=wandb.Settings(silent=True, console="off", x_disable_stats=True, disable_git=True),
         )
-        here = [step for file in self._folder.glob(f"*run-*-{identity}/*.wandb") for step in _steps(file)]
         return max([opened.starting_step - 1, *here])
 
     def add(self, run: Upload, identity: str, after: int) -> int:
@@ -103,22 +105,40 @@ class WandbLedger(Appending):
         """Keep its files, and say whether it went well."""
         for file in run.files:
             self._runs[run.key].save(str(file), base_path=str(file.parent), policy="now")
-        self._runs.pop(run.key).finish(exit_code=int(run.status != "FINISHED"))
+        self._close(run.key, int(run.status != "FINISHED"))
 
     def forget_open(self, key: str) -> None:
         """Close what was open: nobody knows how much of it is there."""
         if key in self._runs:
-            self._runs.pop(key).finish(exit_code=1)
+            self._close(key, 1)
+
+    def _close(self, key: str, code: int) -> None:
+        """End a run of wandb's, and wait until its file is whole: its service writes the last of it afterwards."""
+        run = self._runs.pop(key)
+        run.finish(exit_code=code)
+        self._steps(run.id)
+
+    def _steps(self, identity: str) -> list[int]:
+        """The steps in the files of a run, once nobody writes there: at their ends, or where they do not grow."""
+        found: list[int] = []
+        for file in self._folder.glob(f"*run-*-{identity}/*.wandb"):
+            size, steps, ended = -1, list[int](), False
+            while not ended and file.stat().st_size != size:
+                if size >= 0:
+                    time.sleep(SETTLED)
+                size = file.stat().st_size
+                steps, ended = _read(file)
+            found += steps
+        return found
 
 
-def _steps(file: Path) -> Iterator[int]:
-    """The steps in a file of wandb's, as far as it was written."""
+def _read(file: Path) -> tuple[list[int], bool]:
+    """The steps in a file of wandb's, as far as it was written, and whether its run ends in it."""
     from wandb.proto.wandb_internal_pb2 import Record
 
-    for content in _records(file.read_bytes()):
-        record = Record.FromString(content)
-        if record.HasField("history"):
-            yield record.history.step.num
+    records = [Record.FromString(content) for content in _records(file.read_bytes())]
+    steps = [record.history.step.num for record in records if record.HasField("history")]
+    return steps, any(record.HasField("exit") for record in records)
 
 
 def _records(data: bytes) -> Iterator[bytes]:

@@ -39,7 +39,7 @@ def test_one_failing_job(site):
     assert "Traceback" in log.read_text()
     assert ended.stderr.count("done  ") == 2
     rows = [line.split()[:2] for line in ended.stdout.splitlines() if line.lstrip()[:1].isdigit()]
-    assert rows == [["0", "done"], ["1", "failed"], ["2", "done"]]
+    assert rows == [["0", "done"], ["2", "done"], ["1", "failed"]]  # what has a result, the best first
     assert "jobs     2 done, 1 failed" in ended.stdout
     assert "seeds    0 done before, 0 resumed, 2 run" in ended.stdout
     assert f"mend what failed, then credit resume {session(site).relative_to(site)}" in ended.stdout
