@@ -27,10 +27,11 @@ from credit.report.measures import directed
 from credit.report.runs import load_runs
 from credit.report.settings import values_of
 from credit.report.statistics import mean_and_error
+from credit.runs.composing import compose
 from credit.runs.job import Job as Facts
 from credit.runs.job import identity, plan
 from credit.runs.journal import read_json
-from credit.runs.runner import compose, place
+from credit.runs.runner import place
 from credit.tuning import samplers, space
 from credit.tuning.study import STORE, Study, Trial
 

@@ -45,7 +45,7 @@ def test_there_is_a_test_for_every_example() -> None:
     text = Path(__file__).read_text(encoding="utf-8")
     notebooks = (EXAMPLES.parent / "tests" / "docs" / "test_notebook.py").read_text(encoding="utf-8")
     names = [path.name for path in EXAMPLES.iterdir() if path.name != "__pycache__"]
-    assert [name for name in names if f'"{path.name}"' not in text + notebooks] == []
+    assert [name for name in names if f'"{name}"' not in text + notebooks] == []
 
 
 def test_rewards_are_recovered_from_windows(tmp_path: Path) -> None:
