@@ -8,6 +8,7 @@ import shlex
 import struct
 import time
 from collections.abc import Iterator
+from datetime import datetime
 from pathlib import Path
 from typing import Any, Literal
 from urllib.parse import parse_qs, urlencode
@@ -76,6 +77,8 @@ class WandbLedger(Appending):
 
         self.forget_open(run.key)
         here = self._steps(identity)
+        while list(self._folder.glob(f"*run-{datetime.now():%Y%m%d_%H%M%S}-{identity}")):
+            time.sleep(0.05)  # folders are named by the second, and a second run in it would write over the first
         self._folder.mkdir(parents=True, exist_ok=True)
         tags, card = run.card.tags, run.card
         opened = self._runs[run.key] = wandb.init(
