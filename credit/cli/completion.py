@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 from collections.abc import Iterator, Sequence
+from itertools import chain
 
 from credit.cli.main import COMMANDS, guarded
 from credit.config import files
@@ -11,7 +13,7 @@ from credit.config.kinds import CHOICES, KINDS
 from credit.core.errors import UserError, nearest
 
 WORDS = "words"  # what the scripts ask: `credit completion words credit train meth`
-COMPOSING = ("train", "check", "show")  # commands whose words are those of a job
+COMPOSING = ("train", "check", "tune", "show")  # commands whose words are those of a job
 PLAIN = (
     "seed=",
     "replicas=",
@@ -82,7 +84,7 @@ def candidates(words: Sequence[str]) -> list[str]:
     elif before[0] == "list":
         found = iter([*CHOICES, *KINDS])
     elif before[0] in COMPOSING:
-        found = _of_a_job(before[1:], last, before[0] == "show")
+        found = chain(_of_a_job(before[1:], last, before[0] == "show"), _keys_of(before[0]))
     else:
         found = _keys_of(before[0])
     return sorted({word for word in found if word.startswith(last)})
@@ -112,8 +114,6 @@ def _of_a_job(before: Sequence[str], last: str, shown: bool) -> Iterator[str]:
 
 def _keys_of(command: str) -> Iterator[str]:
     """The KEY= words of a command that has them."""
-    import importlib
-
     if command in COMMANDS:
         yield from (f"{key}=" for key in getattr(importlib.import_module(f"credit.cli.{command}"), "READERS", {}))
 

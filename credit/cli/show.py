@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from credit.cli.common import Words
-from credit.cli.list import parameters
+from credit.cli.list import parameters, shown
 from credit.cli.main import guarded
 from credit.config import classes, files, registry
 from credit.config.kinds import CHOICES, KINDS
 from credit.core import source
 from credit.core.errors import UserError, nearest
+from credit.core.naming import flat
 
 USAGE = """\
 usage: credit show KIND=OPTION ... [--config-dir DIR]
@@ -110,22 +111,23 @@ def _parts(config: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
 
 def _differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
     """Keys whose values differ, with both values, `–` where there was none; not those that go with their part."""
-    before, after = (dict(_leaves(config)) for config in (old, new))
-    for key in {**after, **before}:
-        then, now = before.get(key, "–"), after.get(key, "–")
-        if key not in QUIET and then != now and (now != "–" or key.endswith("_target_")):
+    before, after = ({key: shown(value) for key, value in flat("", config)} for config in (old, new))
+    for key, now in after.items():
+        if key not in QUIET and (then := before.get(key, "–")) != now:
             yield key, then, now
+    yield from ((part, name, "–") for part, name in _gone(old, new))
 
 
-def _leaves(node: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for key, value in node.items():
-        if isinstance(value, Mapping) and value:
-            yield from _leaves(value, f"{prefix}{key}.")
-        else:
-            yield (
-                f"{prefix}{key}",
-                str(value).rpartition(".")[2] if key == "_target_" else "null" if value is None else value,
-            )
+def _gone(old: Mapping[str, Any], new: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """The parts that only the old one has, without what they hold."""
+    for key, value in old.items():
+        if not isinstance(value, Mapping):
+            continue
+        there = new.get(key)
+        if classes.is_component(value) and there is None:
+            yield f"{prefix}{key}", dict(flat("", {key: value}))[key]
+        elif there is not None:
+            yield from _gone(value, there if isinstance(there, Mapping) else {}, f"{prefix}{key}.")
 
 
 def _indented(text: str) -> list[str]:

@@ -57,17 +57,19 @@ def compose(overrides: Sequence[str] = (), config_dirs: Sequence[str] = ()) -> d
     for text in overrides:
         if (first := str(parse(text).key_or_group).partition(".")[0]) in ROLES:
             raise UserError(f"{text!r}: {first} is not for the command line: {ROLES[first]}")
-    _require_one_meaning(overrides)
+    _require_one_meaning(overrides, config_dirs)
     return deepcopy(_composed(tuple(words), tuple(config_dirs), files.stamp(config_dirs)))
 
 
-def _require_one_meaning(words: Sequence[str]) -> None:
-    """Refuse an option that is typed and means several parts."""
+def _require_one_meaning(words: Sequence[str], config_dirs: Sequence[str]) -> None:
+    """Refuse an option that is typed and means several parts; a file in a folder of the user's own is the one meant."""
+    own = files.own_dirs(config_dirs)
     for parsed in map(parse, words):
         kind, named = str(parsed.key_or_group), parsed.value()
         if kind in {*KINDS, *CHOICES}:
             for option in named if isinstance(named, list) else [named]:
-                if line := files.twice(kind).get(str(option)):
+                mine = any((folder / kind / f"{option}.yaml").exists() for folder in own)
+                if not mine and (line := files.twice(kind).get(str(option))):
                     raise UserError(f"{line}; rename one of them, or uninstall the package that has it")
 
 

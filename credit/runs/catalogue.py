@@ -40,7 +40,8 @@ class Session:
         id: which. command: as it was typed. status: running, done, failed, stopped, or killed: begun, never ended, and
             nobody works on it.
         started: epoch seconds. seconds: how long it took, or takes already; None where its end is not known.
-        jobs: how many. ended: status → how many of them ended so. running: those that run.
+        jobs: how many, as far as is known: a search begins them by and by.
+        ended: status → how many of them ended so. running: those that run.
     """
 
     id: str
@@ -141,7 +142,7 @@ def runs(output: Path) -> list[Runs]:
     if not output.is_dir():
         raise UserError(f"output={output}: no such folder; `credit train` makes it")
     parents = sorted({folder.parent for folder in output.glob("*/*/*/seed-*") if folder.is_dir()})
-    return [_runs(parent) for parent in parents if parent.parts[-3] != "sessions"]
+    return [_runs(parent) for parent in parents]
 
 
 def _runs(parent: Path) -> Runs:

@@ -59,6 +59,10 @@ def test_a_name_that_means_several_parts_is_refused_where_it_is_typed(site: Path
     with pytest.raises(UserError, match="reward=ridge means several parts") as refused:
         registry.compose(["experiment=advertiser", "reward=ridge"])
     assert str(own) in str(refused.value)
+    mine = site / "mine" / "reward"
+    mine.mkdir(parents=True)
+    (mine / "ridge.yaml").write_text((files.conf_dir() / "reward" / "ridge.yaml").read_text())
+    assert registry.compose(["experiment=advertiser", "reward@reference=ridge"], [str(mine.parent)])["reference"]
 
 
 def test_they_are_fatal_when_used_and_only_then(site: Path) -> None:

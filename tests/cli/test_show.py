@@ -20,9 +20,9 @@ def test_a_method_is_shown_by_its_parts_and_by_what_it_changes(credit) -> None:
     said = credit("show", "experiment=sepsis", "method=reference")
     assert said.code == 0
     assert "ReferenceOnly: All weight on the reference model" in said.out
-    assert "mixer._target_ = ReferenceOnly   (RelativeMSE)" in said.out
+    assert "mixer = reference_only   (relative_mse)" in said.out
     assert "bonus.local_mse.scale = 0.1   (–)" in said.out
-    assert "env._target_ = Sepsis   (Advertiser)" in said.out  # of the experiment's own section
+    assert "env = sepsis   (advertiser)" in said.out  # of the experiment's own section
     assert "nothing: it is the default" in credit("show", "method=disagreement").out
 
 
@@ -81,6 +81,8 @@ def test_hydras_cfg_prints_the_job_and_runs_nothing(credit, folder: Path, comman
         ("list bo", ["bonus"]),
         ("show experiment=adv", ["experiment=advertiser"]),
         ("status o", ["output="]),
+        ("tune tri", ["trials="]),
+        ("tune method=orac", ["method=oracle"]),
         ("nonsense ", []),
     ],
 )
