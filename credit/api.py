@@ -15,7 +15,7 @@ import pandas as pd
 from credit.core.errors import UserError, nearest
 
 if TYPE_CHECKING:
-    from credit.cli.search import Tuned
+    from credit.cli.tuned import Tuned
     from credit.report.compare import Report
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")

@@ -9,8 +9,10 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
+from credit.cli.modules import findable
 from credit.cli.output import surviving
 from credit.core.errors import UserError, nearest
 from credit.core.version import __version__
@@ -85,6 +87,7 @@ def nothing_begun(command: str) -> Iterator[None]:
 def guarded(command: str, words: Sequence[str]) -> int:
     """Run a command and turn its errors into messages and exit codes."""
     try:
+        findable(Path.cwd())
         if command not in COMMANDS:
             raise UserError(f"{command!r} is no command; {nearest(command, COMMANDS)}")
         status: int = importlib.import_module(f"credit.cli.{command}").main(list(words))

@@ -4,63 +4,35 @@ from __future__ import annotations
 
 import math
 import re
-import shlex
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import pandas as pd
 from rich.console import Console
 from rich.markup import escape
 
 from credit.cli import train
 from credit.cli.common import Words
 from credit.cli.launching import Begun
-from credit.cli.outcome import Job, shown
+from credit.cli.outcome import Job
 from credit.cli.tune import Options
+from credit.cli.tuned import Tuned, line, span, without
 from credit.config import launchers, schema
 from credit.core.errors import UserError, nearest
-from credit.report.comparison import Comparison, summarise
+from credit.report.comparison import summarise
 from credit.report.measures import directed
 from credit.report.runs import load_runs
 from credit.report.settings import values_of
-from credit.report.statistics import mean_and_error
 from credit.runs.composing import compose
 from credit.runs.job import Job as Facts
 from credit.runs.job import identity, plan
 from credit.runs.journal import read_json
 from credit.runs.runner import place
 from credit.tuning import samplers, space
-from credit.tuning.study import STORE, Study, Trial
+from credit.tuning.study import Study, Trial
 
 WELL = ("done", "done before")
-
-
-@dataclass(frozen=True, repr=False)
-class Tuned:
-    """What a search found.
-
-    Attributes:
-        best: words of the best setting; empty before any trial has a value. number: of its trial.
-        metric: what was tuned. trials: a row a trial. folder: the study's.
-        comparison: of the best and the default setting on the seeds of the report; None where there is none.
-        same: whether the best setting is the default. ended: whether all came to its end.
-    """
-
-    best: list[str]
-    number: int | None
-    metric: str
-    trials: pd.DataFrame
-    folder: Path
-    comparison: Comparison | None = None
-    same: bool = False
-    ended: bool = False
-
-    def __repr__(self) -> str:
-        """In a line."""
-        return f"Tuned({' '.join(self.best) or 'nothing'}: {len(self.trials)} trials of {self.metric}, {self.folder})"
 
 
 class Search:
@@ -263,39 +235,3 @@ class Search:
         mine = [Path(folder).parent in parents for folder in runs.frame["folder"]]  # not those of another budget
         runs = replace(runs, frame=runs.frame[mine].reset_index(drop=True), unfinished=())
         return replace(found, comparison=summarise(runs, reference=names[0], metric=self.metric), ended=True)
-
-    def next(self, found: Tuned) -> dict[str, str]:
-        """What to type next: for more seeds of the best setting, for figures, for the study itself."""
-        job, seeds = self.job, f"seed={self.reported.start} replicas={len(self.reported)}"
-        where = [] if job.output == "outputs" else [f"output={job.output}"]
-        words = {"open": f"optuna-dashboard {shlex.quote(str(shown(found.folder / STORE)))}"}
-        if found.best and not found.same:
-            best = shlex.join([*without(self.space.fixed, "seed", "replicas"), *found.best])
-            words["train"] = f"credit train {best} {seeds if self.reported else ''}".rstrip()
-        if found.comparison:
-            names = dict.fromkeys(Path(folder).parent.name for folder in found.comparison.runs.frame["folder"])
-            chosen = [f"experiment={job.experiment}", f"method={job.method}", *(f"variant={name}" for name in names)]
-            chosen += [*seeds.split(), f"metric={self.metric}", *where]
-            words["compare"] = shlex.join(["credit", "compare", *chosen])
-        return words
-
-
-def line(row: Any, number: int, metric: str) -> str:
-    """A trial in a line: what it is, and what it came to.
-
-    Args:
-        row: of `Study.frame`. number: of the trial. metric: what is tuned.
-    """
-    mean, error = mean_and_error(row["scores"] or [math.nan])
-    told = f"{mean:.4g}" if math.isnan(error) else f"{mean:.4g} ± {error:.2g}"
-    return f"trial {number}{' (the default)' if row['default'] else ''}: {row['words']}: {metric} {told}"
-
-
-def span(seeds: Sequence[int]) -> str:
-    """Seeds as their first and last."""
-    return f"{seeds[0]}–{seeds[-1]}" if len(seeds) > 1 else str(seeds[0])
-
-
-def without(words: Sequence[str], *keys: str) -> list[str]:
-    """Words that are not for these keys."""
-    return [word for word in words if word.partition("=")[0] not in keys]

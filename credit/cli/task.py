@@ -18,6 +18,7 @@ from typing import Any
 import psutil
 
 from credit.cli.board import Board
+from credit.cli.modules import findable
 from credit.runs.headlines import HEADLINES
 
 BEAT = 1.0  # seconds between two looks at the command, and between two posts
@@ -67,6 +68,7 @@ class Task:
         from credit.runs.session import Session
 
         os.chdir(self.folder)  # a worker may have served another command, or have come to life elsewhere
+        findable(self.folder)
         session = Session(self.output, self.session)
         board = Board(session.folder)
         number = self.numbers[job_number()]

@@ -17,7 +17,7 @@ from credit.core.errors import UserError
 from credit.core.ranges import Name, NonNegativeInt, Positive, PositiveInt
 
 if TYPE_CHECKING:
-    from credit.cli.search import Search, Tuned
+    from credit.cli.search import Search
 
 HELP = """\
 Search for the best setting of a method on some seeds, and compare it with the default on others.
@@ -92,6 +92,8 @@ def main(argv: list[str]) -> int:
     options = Options(**read_words(own, READERS, "tune"))
     search = prepared(Words.parse([word for word in argv if word not in own]), options)
     found = search.run(["tune", *argv], Console(stderr=True, highlight=False))
+    from credit.cli.tuned import said
+
     said(search, found)
     return 0 if found.ended else 1
 
@@ -131,42 +133,6 @@ def _require_words(overrides: Sequence[str]) -> None:
             )
     if problems:
         raise UserError("\n".join(problems))
-
-
-def said(search: Search, found: Tuned) -> None:
-    """Print what was found, on which seeds, and what to type next."""
-    from rich.console import Console
-
-    from credit.cli.search import line, span
-    from credit.report.tables import terminal_tables
-    from credit.report.text import sentences
-
-    console = Console(highlight=False, markup=False)
-    if not console.is_terminal:
-        console.width = 100
-    states = found.trials["state"].value_counts()
-    counts = {"COMPLETE": "done", "FAIL": "failed", "RUNNING": "interrupted"}
-    told = ", ".join(f"{states[state]} {word}" for state, word in counts.items() if state in states)
-    rows = [f"trials   {told or 'none'}; tuned on seeds {span(search.job.seeds)}"]
-    if found.number is not None:
-        rows.append(f"best     {line(found.trials.loc[found.number], found.number, found.metric)}")
-    if found.same:
-        rows.append("report   none, since the default is the best")
-    elif found.comparison:
-        rows.append(f"report   on seeds {span(search.reported)}, which had no say in the choice:")
-    for row in rows:
-        console.print(row, soft_wrap=True)
-    if found.comparison:
-        console.print()
-        for table in terminal_tables(found.comparison, console.width):
-            console.print(table, "")
-        for sentence in sentences(found.comparison):
-            console.print(sentence)
-        console.print()
-    if "RUNNING" in states:
-        console.print("next     the same command goes on with what was interrupted", soft_wrap=True)
-    for place, command in search.next(found).items():
-        console.print(f"{place:<8} {command}", soft_wrap=True)
 
 
 if __name__ == "__main__":

@@ -44,7 +44,7 @@ def make(id: str, kwargs: Mapping[str, Any], max_steps: int | None, wrappers: Se
     except gymnasium.error.UnregisteredEnv as error:
         raise UserError(f"env.id={id!r}: {_first(error)}; {_near(id)}") from None
     except (gymnasium.error.DependencyNotInstalled, ModuleNotFoundError) as error:
-        raise UserError(f"env.id={id!r} needs a package that is not installed: {_first(error)}") from None
+        raise UserError(f"env.id={id!r} needs a package that is not installed: {_first(error)}{_where(id)}") from None
     except RAISED as error:  # whatever somebody's constructor may raise
         if id.startswith(TOO_OLD) and int(version("mujoco").partition(".")[0]) > 3:
             raise UserError(
@@ -90,6 +90,11 @@ def _import(id: str) -> None:
     package = _package(id)
     if package and id not in gymnasium.registry and importlib.util.find_spec(package):
         gymnasium.register_envs(importlib.import_module(package))
+
+
+def _where(id: str) -> str:
+    """Where the module of a `module:id` is looked for, which may be one of the user's own."""
+    return " A module of yours is found in the working folder, or where PYTHONPATH says." if ":" in id else ""
 
 
 def _near(id: str) -> str:

@@ -26,6 +26,9 @@ class Elsewhere:
         workers = min(workers, count)
         self._owner = [n % workers for n in range(count)]
         self._place = [n // workers for n in range(count)]
+        if multiprocessing.get_start_method() not in multiprocessing.get_all_start_methods():
+            # inside a worker of joblib's it is "loky", which would be told to a new interpreter that does not know it
+            multiprocessing.set_start_method("spawn", force=True)
         context = multiprocessing.get_context("spawn")
         self._pipes, self._processes = list[Connection](), list[Any]()
         for worker in range(workers):
