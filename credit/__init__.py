@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from credit.core.errors import UserError
     from credit.runs.composing import compose
     from credit.runs.evaluate import evaluate
+    from credit.runs.export import export
     from credit.runs.load import Run, load
     from credit.runs.play import play
     from credit.runs.resume import resume
@@ -38,6 +39,7 @@ __all__ = [
     "compare",
     "compose",
     "evaluate",
+    "export",
     "list",
     "load",
     "play",
@@ -53,6 +55,7 @@ _HOMES = {
     "UserError": "core.errors",
     "compose": "runs.composing",
     "evaluate": "runs.evaluate",
+    "export": "runs.export",
     "play": "runs.play",
     "resume": "runs.resume",
 }

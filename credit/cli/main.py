@@ -26,6 +26,7 @@ COMMANDS = {
     "compare": ("[overrides]", "tables, intervals and figures from finished runs"),
     "evaluate": ("RUN...", "what finished runs' policies are worth, also in a changed environment"),
     "play": ("RUN", "one episode of a run's policy, as text or as a video"),
+    "export": ("RUN FILE", "a run's policy as an ONNX file, to act where there is no credit"),
     "list": ("[KIND]", "every registered component: name, one line, parameters with their defaults"),
     "show": ("KIND=OPTION...", "what a method, an experiment or a part is: equations, parts, keys, differences"),
     "check": ("[overrides]", "compose and check a configuration, write nothing"),

@@ -71,10 +71,25 @@ def test_play_films(run: Callable[..., Any]) -> None:
         assert not list(Path().glob("*.part.*"))
 
 
+@pytest.mark.thorough
+def test_export_writes_a_file(run: Callable[..., Any]) -> None:
+    pytest.importorskip("onnxscript")
+    found = run("export", RUN, "kept.onnx")
+    assert (found.code, found.out, found.err) == (0, "policy   kept.onnx\n", "")
+    assert Path("kept.onnx").stat().st_size > 1000
+    assert "ONNX file" in run("export", "--help").out
+
+
 REFUSED = {
     "no folder": (("evaluate",), ["the folder of a run is needed"]),
     "a folder that is nowhere": (("evaluate", "outputs/none"), ["outputs/none: there is no such folder"]),
     "a folder without runs": (("play", "outputs"), ["no run lies here", RUN]),
+    "no file": (("export", RUN), ["a run and a file are needed", RUN]),
+    "a file of another kind": (("export", RUN, "kept.pt"), ["kept.pt", ".onnx"]),
+    "a run that is nowhere to export": (
+        ("export", "outputs/none", "kept.onnx"),
+        ["outputs/none: there is no such folder"],
+    ),
     "a word": (("play", RUN, "fast"), ["fast: there is no such folder"]),
     "an unknown key": (("evaluate", RUN, "episods=3"), ["episods", "'episodes'"]),
     "no episodes": (("evaluate", RUN, "episodes=0"), ["episodes=0", "1 or more"]),

@@ -74,9 +74,10 @@ class SAC(Learner, Agent):  # noqa: D101 - the learner's docstring is its own
             ahead = 1 if self._problem.lockstep else self._problem.horizon  # steps that others may not take
             self._policies[name, copies] = self.policy(copies, ahead, averaged=name == "averaged")
         policy = self._policies[name, copies]
-        if not self._problem.lockstep and not step.any():
+        explore = name == "exploring"
+        if explore and not self._problem.lockstep and not step.any():
             policy.restart()
-        return policy.actions(encoded(self.seen(states), self._states), explore=name == "exploring")
+        return policy.actions(encoded(self.seen(states), self._states), explore)
 
 
 class Mean(Policy):

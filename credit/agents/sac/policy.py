@@ -48,8 +48,11 @@ class Policy:
     @torch.no_grad()
     def actions(self, observation: Tensor, explore: bool) -> Tensor:
         """Actions [..., A] for observations [..., O] of R·copies, sampled or tanh of the mean."""
-        self._tape.input.copy_(observation.reshape(self._tape.input.shape))
-        loc, raw = self._actor.forward(self._tape).chunk(2, -1)
+        tape = self._tape
+        if torch.compiler.is_exporting():  # there, memory that is kept from call to call cannot be written to
+            tape = Tape(self._actor.shape, self._actor.members, self.copies, self._actor.flat.device)
+        tape.input.copy_(observation.reshape(tape.input.shape))
+        loc, raw = self._actor.forward(tape).chunk(2, -1)
         if explore:
             loc = torch.addcmul(loc, deviation(raw), self._next())
         return loc.tanh().view(*observation.shape[:-1], self._actions)
