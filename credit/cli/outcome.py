@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from credit.runs.headlines import HEADLINES, main_of
 
@@ -69,14 +69,18 @@ def table(facts: dict[int, dict[str, Any]], jobs: Mapping[int, Job]) -> Table:
         rank = math.inf if math.isnan(value) else value if HEADLINES[metric or ""] else -value
         rows.append((config["experiment"], rank, number, metric, value))
     (metric,) = shown_metrics if len(shown_metrics := {row[3] for row in rows if row[3]}) == 1 else ("metric",)
-    found_table = Table("job", "status", "method", "differs by", metric, "seeds", "s", title_justify="left", box=None)
+    told = any(words.values())
+    names = ("method", *(["differs by"] if told else []), metric.replace("/", "/\n"), "seeds", "s")
+    columns = ("job", "status", *(Column(name, overflow="fold") for name in names))
+    found_table = Table(*columns, box=None, padding=(0, 1), pad_edge=False, collapse_padding=True)
     for _, _, number, own, value in sorted(rows):
         config, job = jobs[number][0], facts.get(number)
         word = status(job)
         seeds = f"{config['seed']}–{config['seed'] + config['replicas'] - 1}"
         shown_value = "" if math.isnan(value) else f"{value:.4g}" if metric != "metric" else f"{own} {value:.4g}"
         seconds = f"{job['seconds']:.1f}" if job and "seconds" in job else ""
-        cells = (escape(config["title"]), escape(" ".join(words[number])), shown_value, seeds, seconds)
+        differs = [escape(" ".join(words[number]))] if told else []
+        cells = (escape(config["title"]), *differs, shown_value, seeds, seconds)
         found_table.add_row(str(number), f"[{COLOURS[word]}]{word}[/]", *cells)
     return found_table
 

@@ -132,7 +132,10 @@ def uses_gpu(jobs: list[Job]) -> bool:
 
 def show(follower: Follower, jobs: Mapping[int, Job]) -> None:
     """The table of all jobs, and how many of each kind."""
-    Console(width=max(100, Console().width), highlight=False).print(table(follower.facts, jobs))
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = 100
+    console.print(table(follower.facts, jobs))
     print("\n".join(counts(follower.facts, jobs)))
 
 

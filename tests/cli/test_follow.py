@@ -59,8 +59,8 @@ def job(*words: str) -> Job:
 def test_the_table_has_the_main_metric_and_what_differs_the_best_first() -> None:
     jobs = dict(enumerate([job("mixer.alpha=.1"), job("mixer.alpha=.2"), job("mixer.alpha=.3")]))
     rows = shown({0: ended(5.0), 1: ended(3.0), 2: {**ended(0.0), "status": "FAILED", "values": {}}}, jobs)
-    assert rows[0] == "job status method differs by regret/cumulative seeds s"
-    assert rows[1:] == [
+    assert rows[:2] == ["regret/", "job status method differs by cumulative seeds s"]
+    assert rows[2:] == [
         "1 done Mine mixer.alpha=.2 3 0–0 1.0",
         "0 done Mine mixer.alpha=.1 5 0–0 1.0",
         "2 failed Mine mixer.alpha=.3 0–0 1.0",
@@ -68,7 +68,17 @@ def test_the_table_has_the_main_metric_and_what_differs_the_best_first() -> None
     returns = shown(
         {0: ended(5.0, "eval/return"), 1: ended(3.0, "eval/return")}, {number: jobs[number] for number in (0, 1)}
     )
-    assert [row.split()[0] for row in returns[1:]] == ["0", "1"]
+    assert [row.split()[0] for row in returns[2:]] == ["0", "1"]
+
+
+def test_the_table_of_jobs_that_differ_by_method_alone_and_at_80_columns() -> None:
+    rows = shown({0: ended(5.0), 1: ended(3.0)}, {0: job(), 1: job()})
+    assert rows[1] == "job status method cumulative seeds s"
+    jobs = {number: job(f"bonus.count.scale=0.{number}", "uncertainty.draws=20" * number) for number in (0, 1)}
+    text = io.StringIO()
+    Console(file=text, width=80, highlight=False).print(table({0: ended(5.0), 1: ended(3.0)}, jobs))
+    assert max(map(len, text.getvalue().splitlines())) == 80
+    assert "…" not in text.getvalue()
 
 
 def test_a_log_is_told_now_and_then_how_far_all_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
