@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import socket
+import sqlite3
 import sys
 from pathlib import Path
 
@@ -70,8 +71,14 @@ def dashboard(output: Path = Path("outputs"), port: int = PORT, uri: str | None 
             f"there is no tracking store {store} yet; train first, for example:\n"
             "credit train -m experiment=advertiser method=delayed,reference,disagreement replicas=5"
         )
-    if uri == resolve_uri(None, output):
-        follow(output)
+    try:
+        if uri == resolve_uri(None, output):
+            follow(output)
+    except sqlite3.DatabaseError as error:
+        raise UserError(
+            f"the tracking store {store} cannot be read ({error}); move it away, and `credit sync {output}` makes it "
+            "anew from the runs"
+        ) from None
     server.newest(uri)
     _require_free(port)
     print(f"dashboard: http://{HOST}:{port}/   (Ctrl-C ends it)", flush=True)

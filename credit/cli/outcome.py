@@ -71,7 +71,7 @@ def table(facts: dict[int, dict[str, Any]], jobs: Mapping[int, Job]) -> Table:
     (metric,) = shown_metrics if len(shown_metrics := {row[3] for row in rows if row[3]}) == 1 else ("metric",)
     told = any(words.values())
     names = ("method", *(["differs by"] if told else []), metric.replace("/", "/\n"), "seeds", "s")
-    columns = ("job", "status", *(Column(name, overflow="fold") for name in names))
+    columns = [Column("job"), Column("status"), *(Column(name, overflow="fold") for name in names)]
     found_table = Table(*columns, box=None, padding=(0, 1), pad_edge=False, collapse_padding=True)
     for _, _, number, own, value in sorted(rows):
         config, job = jobs[number][0], facts.get(number)

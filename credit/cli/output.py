@@ -86,14 +86,28 @@ class Surviving:
         return getattr(self._stream, name)
 
 
+def opened() -> None:
+    """Let nothing else take the places of the standard streams, where the caller has closed them (`>&-`)."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            if nowhere != number:
+                os.dup2(nowhere, number)
+                os.close(nowhere)
+
+
 @contextlib.contextmanager
 def surviving() -> Iterator[None]:
-    """Standard output and error that outlive their readers, and write what they can."""
+    """Standard output and error that outlive their readers, and write what they can; where they are closed, nothing."""
+    opened()
     before = sys.stdout, sys.stderr
-    for stream in before:
+    streams = [stream or os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8") for stream in before]
+    for stream in streams:
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="plainly")
-    sys.stdout, sys.stderr = (Surviving(stream) for stream in before)
+    sys.stdout, sys.stderr = map(Surviving, streams)
     try:
         yield
         sys.stdout.flush()

@@ -90,7 +90,8 @@ def checked_jobs(words: Words, multirun: bool) -> list[Job]:
     from credit.runs.composing import compose
 
     jobs = sweeps.expand(words.overrides, words.config_dirs) if multirun else [words.overrides]
-    found, problems, remarks = dict[str, Job](), dict[str, None](), dict[str, None]()
+    found, remarks = dict[str, Job](), dict[str, None]()
+    problems: dict[str, list[list[str]]] = {}  # what is wrong → the jobs in which it is
     useful: set[str] = set()
     useless: dict[str, tuple[str, list[str]]] = {}  # word → its slot, and a job that it is in
     for overrides in jobs:
@@ -99,7 +100,8 @@ def checked_jobs(words: Words, multirun: bool) -> list[Job]:
             idle = without.update if multirun else None
             config = compose(overrides, config_dirs=words.config_dirs, say=remarks.setdefault, idle=idle)
         except UserError as error:
-            problems.update(dict.fromkeys(str(error).splitlines()))
+            for line in str(error).splitlines():
+                problems.setdefault(line, []).append(overrides)
             continue
         from credit.runs.job import plan  # with all that runs
 
@@ -115,12 +117,23 @@ def checked_jobs(words: Words, multirun: bool) -> list[Job]:
                 said = effects.said(word, slot, overrides, words.config_dirs)
             except UnknownKey as error:  # of a part that no job has
                 said = str(error)
-            problems |= dict.fromkeys(said.splitlines())
+            problems |= dict.fromkeys(said.splitlines(), jobs)
     if problems:
-        raise UserError("\n".join(problems))
+        raise UserError("\n".join(located(line, wrong, jobs) for line, wrong in problems.items()))
     for remark in remarks:
         print(f"note     {remark}", file=sys.stderr)
     return list(found.values())
+
+
+def located(problem: str, wrong: list[list[str]], jobs: list[list[str]]) -> str:
+    """A problem of some jobs of a sweep, with the words that only they have, or the first of them."""
+    if len(wrong) == len(jobs):
+        return problem
+    shared = set(wrong[0]).intersection(*wrong)
+    others = {word for job in jobs if job not in wrong for word in job}
+    words = [word for word in wrong[0] if word in shared - others]
+    words = words or [word for word in wrong[0] if not all(word in job for job in jobs)]
+    return f"{problem} (with {' '.join(words)})" if any(word not in problem for word in words) else problem
 
 
 def uses_gpu(jobs: list[Job]) -> bool:

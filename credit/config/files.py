@@ -101,7 +101,9 @@ def read(path: Path) -> dict[str, Any]:
 def _read(path: Path, changed: int, size: int) -> dict[str, Any]:
     try:
         found = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise UserError(_no_text(path, error)) from None
+    except yaml.YAMLError as error:
         raise UserError(f"{path}: no YAML ({' '.join(str(error).split())}); mend it, or take it away") from None
     if not isinstance(found, dict):
         raise UserError(f"{path}: a mapping belongs here, key: value")
@@ -156,9 +158,13 @@ def undecodable(config_dirs: Sequence[str]) -> list[str]:
             try:
                 path.read_text(encoding="utf-8")
             except UnicodeDecodeError as error:
-                byte = f"byte {error.object[error.start]:#04x} at {error.start}"
-                found.append(f"{path}: no UTF-8 ({byte}); save it as UTF-8")
+                found.append(_no_text(path, error))
     return found
+
+
+def _no_text(path: Path, error: UnicodeDecodeError) -> str:
+    byte = f"byte {error.object[error.start]:#04x} at {error.start}"
+    return f"{path}: no UTF-8 ({byte}); save it as UTF-8"
 
 
 def stamp(config_dirs: Sequence[str]) -> tuple[tuple[str, int], ...]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import importlib.util
 import os
-from collections.abc import Callable, Mapping, Sequence
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from hydra.core.global_hydra import GlobalHydra
@@ -81,9 +83,26 @@ def launch(
         )
         context = HydraContext(config_loader=state.config_loader(), callbacks=_no_callbacks(config))
         starter = Plugins.instance().instantiate_launcher(hydra_context=context, task_function=task, config=config)
-        ended = starter.launch([list(words) for _ in range(jobs)], initial_job_idx=0)
+        with _deaf(config["hydra"]["launcher"]["_target_"]):
+            ended = starter.launch([list(words) for _ in range(jobs)], initial_job_idx=0)
     failed = {index: job for index, job in enumerate(ended) if job.status is not JobStatus.COMPLETED}
     return {index: f"{type(job._return_value).__name__}: {job._return_value}" for index, job in failed.items()}
+
+
+@contextmanager
+def _deaf(launcher: str) -> Iterator[None]:
+    """Workers of joblib's are born deaf to Ctrl-C, which is for the command, and would end their imports in tracebacks.
+
+    They inherit what this thread does not hear; Python hears it all the same, by its other threads.
+    """
+    if "joblib" not in launcher:
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def job_number() -> int:

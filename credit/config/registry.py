@@ -62,13 +62,19 @@ def compose(overrides: Sequence[str] = (), config_dirs: Sequence[str] = ()) -> d
 
 
 def _require_one_meaning(words: Sequence[str], config_dirs: Sequence[str]) -> None:
-    """Refuse an option that is typed and means several parts; a file in a folder of the user's own is the one meant."""
+    """Refuse an option that is typed and means several parts; a file in a folder of the user's own is the one meant.
+
+    One that is empty, or no mapping, is refused by its name.
+    """
     own = files.own_dirs(config_dirs)
     for parsed in map(parse, words):
         kind, named = str(parsed.key_or_group), parsed.value()
         if kind in {*KINDS, *CHOICES}:
             for option in named if isinstance(named, list) else [named]:
-                mine = any((folder / kind / f"{option}.yaml").exists() for folder in own)
+                mine = [file for folder in own if (file := folder / kind / f"{option}.yaml").exists()]
+                for file in mine:
+                    if not files.read(file) and kind in KINDS:
+                        raise UserError(f"{file}: it is empty; name a class in it: _target_: my_package.MyClass")
                 if not mine and (line := files.twice(kind).get(str(option))):
                     raise UserError(f"{line}; rename one of them, or uninstall the package that has it")
 
@@ -241,7 +247,7 @@ def parse(text: str) -> Any:
     try:
         return OverridesParser.create().parse_override(text)
     except HydraException as error:
-        why = str(error).strip().splitlines()[0]
+        why = str(error).strip().splitlines()[0] if "=" in text else "there is no = in it"
         key, _, value = text.partition("=")
         quoted = f"; a value with = in it, like a folder of runs, stands in quotes: '{key}=\"{value}\"'"
         hint = quoted if "=" in value and '"' not in value else ""

@@ -17,8 +17,8 @@ def is_name(text: str) -> bool:
 
 
 def is_line(text: str) -> bool:
-    """one line without control characters, 200 letters at most."""
-    return text.isprintable() and len(text) <= 2 * LONGEST
+    """one line without control characters, 1 to 200 letters."""
+    return text.isprintable() and bool(text.strip()) and len(text) <= 2 * LONGEST
 
 
 def is_metric(text: str) -> bool:

@@ -80,6 +80,8 @@ def _opened(source: str | Path) -> Any:
     except ImportError:
         raise UserError("to read a Minari dataset: pip install 'minari[hdf5]'") from None
     folder = Path(source)
+    if folder.is_file():
+        raise UserError(f"{source} is a file, and a Minari dataset is a folder (with data/main_data.hdf5); give that")
     try:
         if folder.exists():
             return minari.MinariDataset(folder / "data" if (folder / "data").exists() else folder)

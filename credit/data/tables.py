@@ -118,8 +118,11 @@ def _numbers(file: Path, frame: pd.DataFrame, name: str, blank: bool = False) ->
         return numbered(column.to_numpy())  # a name will do
     try:
         values = column.to_numpy(dtype=float)
-    except (ValueError, TypeError) as error:
-        raise UserError(f"{file}: column {name} does not hold numbers ({error})") from None
+    except (ValueError, TypeError):
+        import pandas as pd
+
+        row = int((pd.to_numeric(column, errors="coerce").isna() & column.notna()).to_numpy().argmax())
+        raise UserError(f"{file}: {name} of row {row} is {column.iloc[row]!r}: it must be a number") from None
     good = ~np.isinf(values) if blank else np.isfinite(values)
     if not good.all():
         row = int((~good).argmax())

@@ -12,7 +12,7 @@ from typing import Any, Literal
 from credit.core.errors import UserError
 from credit.runs.journal import read_json, write_json
 from credit.runs.locks import Lock
-from credit.tracking.store import STORE, kind_of, name_in, resolve_uri
+from credit.tracking.store import STORE, born, kind_of, name_in, resolve_uri
 
 Seeds = Literal["auto", "all", "none"]
 PROGRESS_FILE = "tracking.json"
@@ -134,8 +134,10 @@ def lacking(output: Path) -> Iterator[Path]:
 
 
 def _complete(session: Path, uri: str) -> bool:
+    """Whether a store was told everything, and is still the one that was told."""
+    file = ledger_file(session, uri)
     try:
-        ledger = json.loads(ledger_file(session, uri).read_text(encoding="utf-8"))
+        ledger, told = json.loads(file.read_text(encoding="utf-8")), file.stat().st_mtime
     except (OSError, ValueError):
         return False
-    return bool(ledger["complete"] == attempt(read_session(session)))
+    return bool(ledger["complete"] == attempt(read_session(session))) and born(uri) <= told

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import logging
+import math
 import os
 import re
 import shlex
@@ -111,6 +112,25 @@ def is_gone(uri: str) -> bool:
     """Whether the folder of a local store is not there any more: who has moved it wants no empty one in its place."""
     file = folder_of(uri) if kind_of(uri) in FOLDERS else sqlite_file(uri)
     return file is not None and not file.parent.exists()
+
+
+def born(uri: str) -> float:
+    """Since when a local store is there, epoch seconds: what was told before went to another one.
+
+    Infinity where there is none, or one that cannot be read; 0 where nobody can tell from here.
+    """
+    if kind_of(uri) in FOLDERS:
+        return 0.0 if folder_of(uri).exists() else math.inf
+    if (file := sqlite_file(uri)) is None:
+        return 0.0
+    if not file.exists():
+        return math.inf
+    try:
+        with closing(sqlite3.connect(f"{file.as_uri()}?mode=ro", uri=True, timeout=30)) as store:
+            ((first,),) = store.execute("SELECT MIN(creation_time) FROM experiments")
+    except sqlite3.DatabaseError:
+        return math.inf
+    return (first or 0) / 1000
 
 
 @contextmanager

@@ -11,9 +11,15 @@ from optuna.distributions import BaseDistribution, CategoricalDistribution, Floa
 
 from credit.config import registry, schema, sweeps
 from credit.core.errors import UserError
+from credit.core.naming import flat
 from credit.core.signatures import refusal, signature
 
-EXAMPLE = "mixer.alpha='interval(.1,1)', agent.learning_rate='tag(log,interval(1e-4,1e-2))', mixer=best,relative_mse"
+EXAMPLES = {  # key → how it is searched
+    "bonus.count.scale": "'interval(.05,1)'",
+    "agent.learning_rate": "'tag(log,interval(1e-4,1e-2))'",
+    "mixer.alpha": "'interval(.1,1)'",
+    "reference.regularization": "'tag(log,interval(1e-2,1e2))'",
+}
 DIGITS = 4  # of a number from an interval: the run, its folder, the store and the words to type have the same
 Value = Any  # a number, a truth value or a text
 
@@ -91,7 +97,10 @@ def read(overrides: Sequence[str], config: Mapping[str, Any], config_dirs: Seque
     if problems:
         raise UserError("\n".join(problems))
     if not ranges:
-        raise UserError(f"nothing is searched; give a key an interval or several values, such as {EXAMPLE}")
+        known = dict(flat("", config))
+        own = [f"{key}={value}" for key, value in EXAMPLES.items() if key in known]
+        such = f", such as {', '.join(own)}" if own else ""
+        raise UserError(f"nothing is searched; give a key an interval or several values{such} (keys: credit check)")
     return Space(tuple(text for text in overrides if not registry.is_sweep(text)), typed, ranges)
 
 

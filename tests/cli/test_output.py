@@ -36,6 +36,16 @@ def test_a_run_ends_well_whoever_reads(tmp_path: Path, where: Callable[[], int])
     assert len([*tmp_path.rglob("DONE")]) == 1
 
 
+@pytest.mark.parametrize("closed", [(1,), pytest.param((1, 2), marks=pytest.mark.thorough), (2,)])
+def test_a_run_ends_well_with_streams_that_are_closed(tmp_path: Path, closed: tuple[int, ...]) -> None:
+    """And no file of a run takes their places."""
+    places = " ".join(f"{number}>&-" for number in closed)
+    words = ["sh", "-c", f'exec "$@" {places}', "sh", sys.executable, "-m", "credit.cli.main", "train", *RUN]
+    ended = subprocess.run(words, cwd=tmp_path, capture_output=True, check=False, timeout=300)
+    assert (ended.returncode, b"Error" in ended.stdout + ended.stderr) == (0, False), ended.stderr
+    assert len([*tmp_path.rglob("DONE")]) == 1
+
+
 @pytest.mark.parametrize(("encoding", "said"), [("ascii", b"sqrt "), ("latin-1", b"sqrt "), ("utf-8", "√".encode())])
 def test_characters_that_a_terminal_lacks_are_replaced(tmp_path: Path, encoding: str, said: bytes) -> None:
     environment = os.environ | {"PYTHONIOENCODING": encoding}

@@ -106,6 +106,16 @@ def test_bad_sweeps(words, message):
         sweeps.expand(words)
 
 
+def test_what_is_wrong_with_some_jobs_alone_names_them(credit):
+    ended = credit("check", "-m", "method=glob(delayed*)", "trainer.steps=70")
+    assert ended.code == 2
+    assert "episodic, and this one is continuing" in ended.err
+    assert ended.err.rstrip().endswith("(with method=delayed_monte_carlo)")
+    ended = credit("check", "-m", "method=reference,delayed", "foo=1", "seed=0,1")
+    assert ended.err.count("foo") == 2  # of all jobs, once
+    assert "(with" not in ended.err
+
+
 def test_one_job_is_no_sweep():
     with pytest.raises(UserError, match="credit train -m sweep=table1"):
         registry.compose(["sweep=table1"])

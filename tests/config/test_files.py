@@ -16,8 +16,11 @@ BAD = {
     "malformed": (b"a: [1", r"mine\.yaml.*line 1"),
     "tab": (b"a:\n\tb: 1", r"mine\.yaml.*line 2"),
     "twice": (b"a: 1\na: 2", r"duplicate key a.*mine\.yaml"),
-    "alias": (b"a: *b", r"undefined alias 'b'.*mine\.yaml"),
-    "python": (b"a: !!python/object/apply:os.system ['true']", r"os\.system.*mine\.yaml"),
+    "alias": (b"a: *b", r"mine\.yaml.*undefined alias 'b'"),
+    "python": (b"a: !!python/object/apply:os.system ['true']", r"mine\.yaml.*os\.system"),
+    "empty": (b"# mine\n", r"mine\.yaml: it is empty; name a class in it: _target_: "),
+    "list": (b"- 1", r"mine\.yaml: a mapping belongs here"),
+    "number": (b"3", r"mine\.yaml: a mapping belongs here"),
 }
 
 

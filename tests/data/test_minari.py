@@ -102,3 +102,9 @@ def test_what_is_not_there_is_said(store: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setitem(sys.modules, "minari", None)
     with pytest.raises(UserError, match=r"pip install 'minari\[hdf5\]'"):
         list(episodes("mine/some-v0"))
+
+
+def test_a_file_is_no_dataset(tmp_path: Path) -> None:
+    (tmp_path / "main_data.hdf5").write_bytes(b"HDF")
+    with pytest.raises(UserError, match=r"main_data\.hdf5 is a file, and a Minari dataset is a folder"):
+        next(episodes(tmp_path / "main_data.hdf5"))

@@ -62,7 +62,7 @@ def test_stretches_are_numbered() -> None:
         ({"action": None}, "no column action, and no action_0"),
         ({"observation_0": None}, "no column observation, and no observation_0"),
         ({"observation": [1, 2, 3]}, "there is observation, and observation_0 as well"),
-        ({"action": [0, "left", 1]}, "column action does not hold numbers"),
+        ({"action": [0, "left", 1]}, "action of row 1 is 'left': it must be a number"),
         ({"reward": [1, np.nan, 2]}, "reward of row 1 is nan"),
         ({"observation_1": [1, 2, np.inf]}, "observation_1 of row 2 is inf"),
         ({"terminated": [0, 0, 2]}, "terminated of row 2 is 2: allowed are 0 and 1"),

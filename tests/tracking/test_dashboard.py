@@ -142,3 +142,9 @@ def test_only_the_root_is_ours(path: str, query: bytes, host: bytes, ours: bool)
     scope = {"type": "http", "path": path, "query_string": query, "headers": [(b"host", host)]}
     anyio.run(server.opening_on(mlflow_itself, lambda: "page"), scope, receive, send)
     assert answered == (["http.response.start", "http.response.body"] if ours else ["mlflow"])
+
+
+def test_a_store_that_is_damaged_is_one_message(tmp_path: Path) -> None:
+    (tmp_path / "mlflow.db").write_bytes(b"no database " * 400)
+    with pytest.raises(UserError, match=r"mlflow\.db cannot be read \(file is not a database\).*credit sync"):
+        dashboard.main([f"output={tmp_path}"])

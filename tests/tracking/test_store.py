@@ -14,7 +14,7 @@ from credit.tracking import MLflowTracking
 from credit.tracking.describe import sweep_card
 from credit.tracking.mirror import Mirror
 from credit.tracking.sessions import State, lacking, pending, store_of
-from credit.tracking.store import client_of, follow, open_experiment, resolve_uri, sqlite_file, uri_problem
+from credit.tracking.store import born, client_of, follow, open_experiment, resolve_uri, sqlite_file, uri_problem
 from credit.tracking.uploader import catch_up
 
 from .conftest import FakeSession
@@ -121,6 +121,28 @@ def test_what_mlflow_refused_is_still_lacking(
     assert refused.info.status == "FINISHED"
     assert "Failed" not in refused.data.tags["mlflow.note.content"]
     assert [*lacking(session.output)] == []
+
+
+@pytest.mark.parametrize("what", ["removed", "damaged", "made anew"])
+def test_a_store_that_is_another_one_now_lacks_everything(what: str, session: FakeSession, fresh_store: Path) -> None:
+    """Whatever a session remembers of the one that was there."""
+    store, uri = session.output / "mlflow.db", resolve_uri(None, session.output)
+    store.write_bytes(fresh_store.read_bytes())
+    job = session.job("delayed", [0])
+    job.header(["time/seconds"])
+    job.row(7, [0.5])
+    job.end()
+    session.end()
+    assert Mirror(session.output, session.folder, uri).sync().closed
+    assert [*pending(session.output)] == []
+    if what == "removed":
+        store.unlink()
+    elif what == "damaged":
+        store.write_bytes(b"no database " * 400)
+    else:
+        before = born(uri) - 60
+        os.utime(session.folder / "mlflow.json", (before, before))
+    assert [*pending(session.output)] == [session.folder]
 
 
 def test_the_environment_names_a_store(session: FakeSession, monkeypatch: pytest.MonkeyPatch) -> None:

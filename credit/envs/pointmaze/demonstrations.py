@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import zipfile
 import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
@@ -106,7 +107,8 @@ class Demonstrations:
         except FileNotFoundError:
             raise UserError(f"demonstrations {file}: there is no such file") from None
         except Exception as error:  # whatever a damaged archive makes its reader raise
-            raise UserError(f"demonstrations {file} cannot be read ({error}); expected .npz with {names}") from None
+            why = str(error) if zipfile.is_zipfile(file) else "it is no .npz archive"
+            raise UserError(f"demonstrations {file} cannot be read ({why}); expected .npz with {names}") from None
         return cls(**shaped(file, arrays))
 
 
