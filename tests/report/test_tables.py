@@ -80,6 +80,22 @@ def test_sentences_claim_only_what_the_intervals_show(comparison: Comparison):
     assert "1 unfinished run was left out." in text
 
 
+def test_seeds_that_all_differ_by_the_same_are_not_said_to_be_too_few(write_run: WriteRun, tmp_path: Path):
+    for seed in range(2):
+        same = {"eval/success": 0.0, "eval/final": 0.0, "eval/auc": 0.0}
+        write_run("reference", seed, same)
+        write_run("delayed", seed, same)
+        write_run("block", seed, same | {"eval/auc": 0.1 + 0.1 * seed})
+    write_run("disagreement", 0, same)
+    said = [line for line in sentences(summarise(load_runs(tmp_path / "outputs", "advertiser"))) if "No inter" in line]
+    assert said == [
+        "No interval against Ridge-UCB in Success in the last four rounds, common seeds all differ by the same: "
+        "Block-UCB.",
+        "No interval against Ridge-UCB, common seeds all differ by the same: Delayed Q-learning.",
+        "No interval against Ridge-UCB, fewer than two common seeds: Disagreement-UCB.",
+    ]
+
+
 def test_markdown(comparison: Comparison):
     text = markdown(comparison)
     assert "| Ridge-UCB | 0–3 (n = 4) | 115.0 ± 6.5 [195.4 ± 42.1] | 2.15 ± 0.06 [2.12 ± 0.32] |" in text
