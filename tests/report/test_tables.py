@@ -5,14 +5,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from rich.console import Console
 
 from credit.core.errors import UserError
 from credit.report.comparison import Comparison, summarise
 from credit.report.published import load_paper
 from credit.report.runs import load_runs
 from credit.report.scale import Scale
-from credit.report.tables import csv, latex, markdown, terminal_tables
+from credit.report.tables import csv, latex, markdown
 from credit.report.text import caption, sentences
 
 from .conftest import WriteRun
@@ -123,18 +122,6 @@ def test_latex_is_well_formed(comparison: Comparison):
         assert all(line.endswith(" \\\\") for line in rows)
     assert text.count("{") == text.count("}")
     assert not re.search(r"(?<!\\)[%#_]", re.sub("^%.*$", "", text, flags=re.MULTILINE))
-
-
-@pytest.mark.parametrize("width", [60, 80, 100])
-def test_terminal_tables_fit(comparison: Comparison, width: int):
-    console = Console(width=width, file=io.StringIO(), record=True)
-    for table in terminal_tables(comparison, width):
-        console.print(table)
-    text = console.export_text()
-    assert "…" not in text
-    assert "115.0 ± 6.5" in text
-    assert "[195.4 ± 42.1]" in text
-    assert "P(improvement)" in text
 
 
 def test_without_the_reference_there_are_no_differences(write_run: WriteRun, tmp_path: Path):
