@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from credit.core.errors import UserError, nearest
-from credit.report.groups import PAPER_METHODS
+from credit.core.errors import UserError
+from credit.report.missing import Asked, nothing_found, require_methods
 from credit.report.provenance import COLUMNS as CODE
 from credit.report.provenance import choose_commits
 from credit.report.reading import read_run, setting_of_unfinished
@@ -120,8 +120,8 @@ def load_runs(
     every = sorted((output / experiment).glob("*/*/seed-*"))
     wanted = set[str]()
     if slugs and every:
-        asked = {folder.parent.name for folder in every if not methods or folder.parent.parent.name in methods}
-        wanted = choose_variants(slugs, asked | set(map(variant, asked)), experiment)
+        names = {folder.parent.name for folder in every if not methods or folder.parent.parent.name in methods}
+        wanted = choose_variants(slugs, names | set(map(variant, names)), experiment)
     for folder in every:
         suffix = folder.name.removeprefix("seed-")
         if not suffix.isdecimal():
@@ -138,15 +138,16 @@ def load_runs(
             rows.append(read_run(folder, settings))
         else:
             unfinished.append(folder)
-    finished = {done.parents[2].name for done in (output / experiment).glob("*/*/seed-*/DONE")}
+    asked = Asked(output, experiment, methods, seed, replicas)
+    finished = [done.parent for done in (output / experiment).glob("*/*/seed-*/DONE")]
     if finished:
-        _require(methods, finished, experiment)
+        require_methods(asked, {folder.parents[1].name for folder in finished})
     if not rows:
-        raise UserError(_nothing_found(output, experiment, finished, unfinished))
+        raise nothing_found(asked, finished, unfinished)
     frame = pd.DataFrame(rows).sort_values(["method", "slug", "seed"], ignore_index=True)
     if commits:
         frame = choose_commits(frame, commits, experiment)
-    _require(methods, set(frame["method"]), experiment)
+    require_methods(asked, set(frame["method"]))
     _check_same_configuration(frame)
     # an override that repeats the default is another folder, but the same run
     frame = frame.drop_duplicates(["setting", "method", "slug", "seed"], ignore_index=True)
@@ -212,30 +213,3 @@ def _differ(folders: Iterable[str]) -> bool:
     from credit.runs import job  # it takes PyTorch, which a comparison needs for nothing else
 
     return len({job.identity(job.read(Path(folder))) for folder in folders}) > 1
-
-
-def _require(methods: Sequence[str] | None, known: set[str], experiment: str) -> None:
-    missing = sorted(set(methods or ()) - known)
-    if missing:
-        hints = "; ".join(f"method={name}: {nearest(name, known)}" for name in missing)
-        raise UserError(
-            f"No finished run of experiment={experiment} that was asked for has {hints}. "
-            f"Run `credit train experiment={experiment} method={missing[0]}` first, or leave it out."
-        )
-
-
-def _nothing_found(output: Path, experiment: str, finished: set[str], unfinished: Sequence[Path]) -> str:
-    others = sorted({folder.parents[2].name for folder in output.glob("*/*/*/seed-*")} - {experiment})
-    if unfinished:
-        names = sorted({folder.parent.parent.name for folder in unfinished})
-        found = f"Found {len(unfinished)} unfinished run(s) of {', '.join(names)}."
-    elif finished:
-        found = f"Finished runs exist for {', '.join(sorted(finished))}, but not with these seeds and slugs."
-    elif others:
-        found = f"Found runs of {', '.join(others)} only."
-    else:
-        found = "Found no runs at all."
-    said = f"No finished runs to compare for experiment={experiment} in {output}. {found}"
-    if others and not (unfinished or finished):
-        return f"{said} There are no runs of it; {nearest(experiment, others)}"
-    return f"{said} Run `credit train -m experiment={experiment} method={','.join(PAPER_METHODS)} replicas=20` first."
