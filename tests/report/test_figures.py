@@ -142,6 +142,14 @@ def test_a_curve_at_zero_is_seen(maze: Comparison) -> None:
         assert height > flat.get_linewidth() * curves.dpi / 72
 
 
+def test_a_curve_of_one_point_is_drawn_as_a_point(write_run: WriteRun, tmp_path: Path) -> None:
+    for seed in range(3):
+        write_run("reference", seed, {"regret/cumulative": 5.0 + seed}, steps=(70,))
+    curves, _ = figures(summarise(load_runs(tmp_path / "outputs", "advertiser")))
+    (axes,) = curves.axes
+    assert any(line.get_marker() == "o" and line.get_xydata().tolist() == [[70.0, 6.0]] for line in axes.lines)
+
+
 def test_bands_of_rates_and_their_axes_stay_between_0_and_1(maze: Comparison) -> None:
     curves, scores = figures(maze)
     for axes in curves.axes:
