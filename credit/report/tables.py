@@ -84,7 +84,7 @@ def csv(*comparisons: Comparison) -> str:
 
 def runs_csv(*comparisons: Comparison) -> str:
     """The final metrics, one row a run; a named setting is the first column."""
-    hidden = ["name", "folder", "setting"]
+    hidden = ["name", "folder", "typed", "setting"]
     return _to_csv([(part.runs.setting.name, part.runs.frame.drop(columns=hidden)) for part in comparisons])
 
 
