@@ -73,7 +73,7 @@ def main(argv: list[str]) -> int:
     from rich.console import Console
 
     from credit.report.compare import compare
-    from credit.report.tables import terminal_tables
+    from credit.report.terminal import terminal_tables
     from credit.report.text import caption, heading, in_common, sentences
 
     report = compare(where=where, slugs=[word.partition("=")[2] for word in named] or None, **options)

@@ -15,7 +15,7 @@ from rich.console import Console
 from credit.cli.outcome import shown
 from credit.report.comparison import Comparison
 from credit.report.statistics import mean_and_error
-from credit.report.tables import terminal_tables
+from credit.report.terminal import terminal_tables
 from credit.report.text import sentences
 from credit.tuning.study import STORE
 

@@ -55,7 +55,7 @@ def primary_columns(group: pd.DataFrame, measure: Measure, trapped_above: float)
     if measure.bounds:  # a pooled share is linearised, and may leave them
         found = Interval(*(float(end) for end in np.clip(found, *measure.bounds)))
     columns = _interval("iqm", found)
-    if measure == REGRET:
+    if measure.metric == REGRET.metric:
         columns["trapped"] = statistics.count_trapped(scores, trapped_above)
     return columns
 

@@ -146,6 +146,9 @@ def _draw(axes: Axes, lines: list[Curve], measure: Measure, limits: tuple[float,
     for line in lines:
         axes.fill_between(line.steps, line.low, line.high, color=line.look.colour, alpha=shade, linewidth=0)
         axes.plot(line.steps, line.mean, color=line.look.colour, linestyle=line.look.dashes)
+        if len(line.steps) == 1:  # of which neither a line nor an area is seen
+            axes.vlines(line.steps, line.low, line.high, color=line.look.colour, linewidth=1, clip_on=False)
+            axes.plot(line.steps, line.mean, "o", color=line.look.colour, clip_on=False)
     axes.set_xlim(0, end)
     axes.set_ylim(*limits)
     axes.grid(axis="y")

@@ -134,4 +134,4 @@ def require_reference(groups: Iterable[Group], wanted: str, experiment: str) -> 
 
 
 def _own_names(method: str, slug: str, group: pd.DataFrame) -> set[str]:
-    return {slug, f"{method}/{slug}", *(Path(folder).parent.name for folder in group["folder"])}
+    return {slug, f"{method}/{slug}", *group["typed"], *(Path(folder).parent.name for folder in group["folder"])}

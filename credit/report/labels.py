@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 
 from credit.core.naming import short_keys
 from credit.report.comparison import Comparison
@@ -40,8 +39,8 @@ def common_overrides(comparisons: Sequence[Comparison]) -> tuple[list[str], Mapp
     Args:
         comparisons: one a setting.
     """
-    folders = {Path(folder).parent.name for comparison in comparisons for folder in comparison.runs.frame["folder"]}
-    common = _in_all(map(overrides, folders))
+    typed = {str(words) for comparison in comparisons for words in comparison.runs.frame["typed"]}
+    common = _in_all(map(overrides, typed))
     variants: dict[str, set[str]] = {}
     for comparison in comparisons:
         for _, slug, group in comparison.groups:

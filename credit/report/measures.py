@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from credit.core.errors import UserError, nearest
-from credit.runs.intervals import GAP, SHARE, Bounds
+from credit.runs.intervals import GAP, POSITIVE, SHARE, Bounds
 
 
 @dataclass(frozen=True)
@@ -23,11 +23,12 @@ class Measure:
     lower_is_better: bool = True
     per: str = ""
     rate: bool = False
+    positive: bool = False
 
     @property
     def bounds(self) -> Bounds | None:
         """Where means of it lie."""
-        return SHARE if self.rate else None
+        return SHARE if self.rate else POSITIVE if self.positive else None
 
     @property
     def gap(self) -> Bounds | None:
@@ -35,11 +36,15 @@ class Measure:
         return GAP if self.rate else None
 
 
+# Of steps that are taken, which may earn more than g* does: it may lie below 0. That of a policy's value may not.
 REGRET = Measure("regret/cumulative", "Final regret", "Cumulative regret")
-RELATIVE = Measure("regret/share", "Share of random's regret", "Regret as a share of that of random actions")
+OF_VALUE = replace(REGRET, positive=True)
+RELATIVE = Measure(
+    "regret/share", "Share of random's regret", "Regret as a share of that of random actions", positive=True
+)
 SUCCESS = Measure("eval/success", "Success rate", "Success rate", lower_is_better=False, rate=True)
 RETURN = Measure("return/label", "Return", "Return", lower_is_better=False)
-MSE = Measure("reward/mse", "Mixed reward MSE", "Mixed reward MSE")
+MSE = Measure("reward/mse", "Mixed reward MSE", "Mixed reward MSE", positive=True)
 AVERAGED = replace(SUCCESS, metric="eval/success_averaged", title="Success rate, averaged actor")
 WORTH = Measure("eval/return", "Return of the policy", "Return", lower_is_better=False)
 AVERAGED_WORTH = Measure("eval/return_averaged", "Return, averaged actor", "Return", lower_is_better=False)
@@ -56,7 +61,7 @@ CONTINUING = (
 # Episodes have an exact regret of random actions, by which settings with other horizons and rewards can be read.
 EPISODIC = (
     RELATIVE,
-    REGRET,
+    OF_VALUE,
     Measure("return/policy", "Value of the policy", "Value of the executed policy", lower_is_better=False),
     MSE,
 )
@@ -144,6 +149,7 @@ def known_measure(key: str, metric: str, known: Sequence[str]) -> Measure:
         UserError: there is none of that name.
     """
     named = {measure.metric: measure for measure in EVERY}
+    named |= {measure.metric: measure for measure in (EPISODIC if RELATIVE.metric in known else CONTINUING)}
     named |= {measure.metric: measure for measure in (SUCCESS_ROUNDS if SUCCESS.metric in known else RETURN_ROUNDS)}
     found = {name: measure for name, measure in named.items() if {name, measure.per or name} <= {*known}}
     if metric not in found:
@@ -162,4 +168,4 @@ def choose_curves(known: Sequence[str], measures: Sequence[Measure]) -> tuple[Me
         for judged in ((SUCCESS, AVERAGED), (WORTH, AVERAGED_WORTH)):
             if judged[0].metric in known:
                 return tuple(measure for measure in judged if measure.metric in known)
-    return (REGRET if REGRET in measures else measures[0],)
+    return (next((measure for measure in measures if measure.metric == REGRET.metric), measures[0]),)

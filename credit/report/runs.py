@@ -12,16 +12,16 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from credit.core.errors import UserError, nearest
-from credit.report.groups import PAPER_METHODS
+from credit.core.errors import UserError
+from credit.report.missing import Asked, nothing_found, require_methods
 from credit.report.provenance import COLUMNS as CODE
 from credit.report.provenance import choose_commits
-from credit.report.reading import read_run, setting_of_unfinished
+from credit.report.reading import read_run, setting_of_unfinished, whole_name
 from credit.report.settings import Setting, choose_settings
 from credit.report.variants import choose_variants, variant
 from credit.runs.rows import JOURNAL, read_rows, require_columns, unusable
 
-IDENTITY = ("method", "slug", "seed", "name", "folder", "setting", "config_hash", *CODE)
+IDENTITY = ("method", "slug", "seed", "name", "folder", "typed", "setting", "config_hash", *CODE)
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,8 @@ class Runs:
     Attributes:
         experiment: its name.
         frame: one row a finished run: method, slug (without what makes the setting), seed, name (as displayed),
-            folder, setting (as text), config_hash, git_commit, version, then one column a final metric (NaN = not
-            known).
+            folder, typed (all its overrides), setting (as text), config_hash, git_commit, version, then one column a
+            final metric (NaN = not known).
         unfinished: folders without DONE among those asked for; they are never used.
         setting: which, beside the others; without a name for the only one where nothing calls for a name.
     """
@@ -66,7 +66,7 @@ class Runs:
         """
         every = [str(text) for text in self.frame["setting"].unique()]
         chosen = choose_settings(every, self.experiment, feedback, where)
-        overridden = any(Path(f).parent.name != slug for f, slug in self.frame[["folder", "slug"]].to_numpy())
+        overridden = bool((self.frame["typed"] != self.frame["slug"]).any())
         if len(every) == 1 and not feedback and not where and not overridden:
             return [self]
         # What has no finished run beside it, or no readable configuration, is still left out, and counted once.
@@ -119,9 +119,11 @@ def load_runs(
     settings: dict[str, str] = {}
     every = sorted((output / experiment).glob("*/*/seed-*"))
     wanted = set[str]()
+    typed = {parent: whole_name(parent) for parent in {folder.parent for folder in every}}
+    names = {parent: {parent.name, name, variant(name)} for parent, name in typed.items()}
     if slugs and every:
-        asked = {folder.parent.name for folder in every if not methods or folder.parent.parent.name in methods}
-        wanted = choose_variants(slugs, asked | set(map(variant, asked)), experiment)
+        asked_of = [parent for parent in names if not methods or parent.parent.name in methods]
+        wanted = choose_variants(slugs, set[str]().union(*(names[parent] for parent in asked_of)), experiment)
     for folder in every:
         suffix = folder.name.removeprefix("seed-")
         if not suffix.isdecimal():
@@ -129,24 +131,25 @@ def load_runs(
         number = int(suffix)
         if (
             (methods and folder.parent.parent.name not in methods)
-            or (slugs and not {folder.parent.name, variant(folder.parent.name)} & wanted)
+            or (slugs and not names[folder.parent] & wanted)
             or number < first
             or (last is not None and number >= last)
         ):
             continue
         if (folder / "DONE").exists():
-            rows.append(read_run(folder, settings))
+            rows.append(read_run(folder, settings, typed[folder.parent]))
         else:
             unfinished.append(folder)
-    finished = {done.parents[2].name for done in (output / experiment).glob("*/*/seed-*/DONE")}
+    asked = Asked(output, experiment, methods, seed, replicas)
+    finished = [done.parent for done in (output / experiment).glob("*/*/seed-*/DONE")]
     if finished:
-        _require(methods, finished, experiment)
+        require_methods(asked, {folder.parents[1].name for folder in finished})
     if not rows:
-        raise UserError(_nothing_found(output, experiment, finished, unfinished))
+        raise nothing_found(asked, finished, unfinished)
     frame = pd.DataFrame(rows).sort_values(["method", "slug", "seed"], ignore_index=True)
     if commits:
         frame = choose_commits(frame, commits, experiment)
-    _require(methods, set(frame["method"]), experiment)
+    require_methods(asked, set(frame["method"]))
     _check_same_configuration(frame)
     # an override that repeats the default is another folder, but the same run
     frame = frame.drop_duplicates(["setting", "method", "slug", "seed"], ignore_index=True)
@@ -212,30 +215,3 @@ def _differ(folders: Iterable[str]) -> bool:
     from credit.runs import job  # it takes PyTorch, which a comparison needs for nothing else
 
     return len({job.identity(job.read(Path(folder))) for folder in folders}) > 1
-
-
-def _require(methods: Sequence[str] | None, known: set[str], experiment: str) -> None:
-    missing = sorted(set(methods or ()) - known)
-    if missing:
-        hints = "; ".join(f"method={name}: {nearest(name, known)}" for name in missing)
-        raise UserError(
-            f"No finished run of experiment={experiment} that was asked for has {hints}. "
-            f"Run `credit train experiment={experiment} method={missing[0]}` first, or leave it out."
-        )
-
-
-def _nothing_found(output: Path, experiment: str, finished: set[str], unfinished: Sequence[Path]) -> str:
-    others = sorted({folder.parents[2].name for folder in output.glob("*/*/*/seed-*")} - {experiment})
-    if unfinished:
-        names = sorted({folder.parent.parent.name for folder in unfinished})
-        found = f"Found {len(unfinished)} unfinished run(s) of {', '.join(names)}."
-    elif finished:
-        found = f"Finished runs exist for {', '.join(sorted(finished))}, but not with these seeds and slugs."
-    elif others:
-        found = f"Found runs of {', '.join(others)} only."
-    else:
-        found = "Found no runs at all."
-    said = f"No finished runs to compare for experiment={experiment} in {output}. {found}"
-    if others and not (unfinished or finished):
-        return f"{said} There are no runs of it; {nearest(experiment, others)}"
-    return f"{said} Run `credit train -m experiment={experiment} method={','.join(PAPER_METHODS)} replicas=20` first."

@@ -1,4 +1,4 @@
-"""One comparison, four renderings: terminal, Markdown, LaTeX and CSV, from the same cells."""
+"""One comparison as Markdown, LaTeX and CSV, from the same cells that the terminal shows."""
 
 from __future__ import annotations
 
@@ -7,16 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import pandas as pd
-from rich import box
-from rich.table import Table
-from rich.text import Text
 
 from credit.report.comparison import Comparison, Row, interval_of
 from credit.report.scale import SUPERSCRIPTS, UNKNOWN, Scale
 from credit.report.text import caption, heading, in_common, remarks, sentences
 
 Cell = tuple[str, str]  # a value, and what stands in brackets below or after it ("" = nothing)
-GAP = 2  # characters between two columns of a terminal table
 LONG = 12  # a name with more characters goes on two lines
 
 _TEX = {symbol: "\\" + symbol for symbol in "&%$#_{}"} | {
@@ -48,14 +44,13 @@ def grids(comparison: Comparison) -> list[Grid]:
     return [_means(comparison), _contrasts(comparison), *([_differences(comparison)] if more else [])]
 
 
-def terminal_tables(comparison: Comparison, width: int = 100) -> list[Table]:
-    """The tables for a terminal, brackets on a line of their own.
-
-    Args:
-        comparison: the numbers.
-        width: columns of the terminal; a table that is wider goes on in a second one.
-    """
-    return [table for grid in grids(comparison) for table in _fit(grid, width)]
+def two_lines(text: str) -> str:
+    """Break a long name at the space nearest to its middle."""
+    spaces = [index for index, letter in enumerate(text) if letter == " "]
+    if len(text) <= LONG or not spaces:
+        return text
+    middle = min(spaces, key=lambda index: abs(index - len(text) / 2))
+    return text[:middle] + "\n" + text[middle + 1 :]
 
 
 def markdown(*comparisons: Comparison) -> str:
@@ -89,7 +84,7 @@ def csv(*comparisons: Comparison) -> str:
 
 def runs_csv(*comparisons: Comparison) -> str:
     """The final metrics, one row a run; a named setting is the first column."""
-    hidden = ["name", "folder", "setting"]
+    hidden = ["name", "folder", "typed", "setting"]
     return _to_csv([(part.runs.setting.name, part.runs.frame.drop(columns=hidden)) for part in comparisons])
 
 
@@ -100,7 +95,7 @@ def _latex_table(comparison: Comparison) -> str:
     lines += [f"\\caption{{Methods on {_tex(where)}: {_tex(caption(comparison))}}}\\smallskip"]
     for grid in grids(comparison):
         lines += ["", f"\\begin{{tabular}}{{@{{}}l{'r' * (len(grid.header) - 1)}@{{}}}}", "\\toprule"]
-        lines += [_ampersands([_two_lines(name) for name in grid.header]), "\\midrule"]
+        lines += [_ampersands([two_lines(name) for name in grid.header]), "\\midrule"]
         for row in grid.rows:
             lines.append(_ampersands([value for value, _ in row]))
             if any(below for _, below in row):
@@ -108,40 +103,6 @@ def _latex_table(comparison: Comparison) -> str:
             lines.append("\\addlinespace[2pt]")
         lines[-1:] = ["\\bottomrule", "\\end{tabular}", "\\par\\medskip"]
     return "\n".join([*lines[:-1], "\\end{table}"])
-
-
-def _fit(grid: Grid, width: int) -> list[Table]:
-    """The grid as tables of at most `width`, each with the first column and as many others as fit."""
-    header = [_two_lines(name) for name in grid.header]
-    rows = [[(_two_lines(row[0][0]), row[0][1]), *row[1:]] for row in grid.rows]
-    columns = [[header[i], *(text for row in rows for text in row[i])] for i in range(len(header))]
-    sizes = [max(len(line) for text in column for line in text.split("\n")) + GAP for column in columns]
-    parts = [[0]]
-    for index in range(1, len(header)):
-        if len(parts[-1]) > 1 and sum(sizes[i] for i in [*parts[-1], index]) > width:
-            parts.append([0])
-        parts[-1].append(index)
-    return [_table(grid.title if part is parts[0] else "", part, header, rows) for part in parts]
-
-
-def _table(title: str, part: list[int], header: list[str], rows: list[list[Cell]]) -> Table:
-    table = Table(title=title or None, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
-    table.show_edge, table.pad_edge, table.padding = False, False, (0, GAP - 1, 0, 0)
-    for index in part:
-        table.add_column(header[index], justify="right" if index else "left", no_wrap=True)
-    for row in rows:
-        cells = [row[index] for index in part]
-        table.add_row(*(Text(value) + Text(f"\n{below}" if below else "", "dim") for value, below in cells))
-    return table
-
-
-def _two_lines(text: str) -> str:
-    """Break a long name at the space nearest to its middle."""
-    spaces = [index for index, letter in enumerate(text) if letter == " "]
-    if len(text) <= LONG or not spaces:
-        return text
-    middle = min(spaces, key=lambda index: abs(index - len(text) / 2))
-    return text[:middle] + "\n" + text[middle + 1 :]
 
 
 def _means(comparison: Comparison) -> Grid:

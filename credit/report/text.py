@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import pandas as pd
 
@@ -112,7 +112,7 @@ def _differences(comparison: Comparison) -> list[str]:
     if comparison.reference.key is None:
         return []
     told = [comparison.primary, *({AUC, AUC_OF_RETURN} & set(comparison.contrasted[1:]))]
-    lines = [line for measure in told for line in _verdicts(comparison, measure)]
+    lines = [line for measure in told for line in _verdicts(comparison, measure)] + _without(comparison, told)
     apart = [row["name"] for row in comparison.rows if row.get("difference_n") == 0]
     if apart:
         lines.append(
@@ -126,13 +126,10 @@ def _differences(comparison: Comparison) -> list[str]:
 
 def _verdicts(comparison: Comparison, measure: Measure) -> list[str]:
     scale, column = comparison.scale(measure), comparison.difference_column(measure)
-    found: dict[str, list[str]] = {"lower": [], "higher": [], "open": [], "unknown": []}
+    found: dict[str, list[str]] = {"lower": [], "higher": [], "open": []}
     for row in comparison.rows:
         difference = interval_of(row, column)
-        if comparison.is_reference(row):
-            continue
-        if pd.isna(difference.low):
-            found["unknown"].append(row["name"])
+        if comparison.is_reference(row) or pd.isna(difference.low):
             continue
         verdict = ("lower" if difference.value < 0 else "higher") if difference.excludes_zero else "open"
         numbers = f"{scale.number(difference.value, signed=True)} {scale.ends(difference, signed=True)}"
@@ -142,6 +139,24 @@ def _verdicts(comparison: Comparison, measure: Measure) -> list[str]:
         "lower": f"{title} is lower than that of {name}, the interval excludes zero",
         "higher": f"{title} is higher than that of {name}, the interval excludes zero",
         "open": f"{title} is not shown to differ from that of {name}, the interval includes zero",
-        "unknown": f"No interval against {name}, fewer than two common seeds",
     }
     return [f"{openings[verdict]}: {'; '.join(names)}." for verdict, names in found.items() if names]
+
+
+def _without(comparison: Comparison, told: Sequence[Measure]) -> list[str]:
+    """Which rows have no interval and why, once for all measures of which the same is true."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for row in comparison.rows:
+        for measure in told:
+            column = comparison.difference_column(measure)
+            if comparison.is_reference(row) or pd.notna(interval_of(row, column).low):
+                continue
+            alike = row.get(f"{column}_n", 0) > 1
+            why = "common seeds all differ by the same" if alike else "fewer than two common seeds"
+            found.setdefault((why, row["name"]), []).append(measure.title)
+    lines: dict[tuple[str, str], list[str]] = {}
+    for (why, name), titles in found.items():
+        of = "" if len(titles) == len(told) else f" in {' and '.join(titles)}"
+        lines.setdefault((of, why), []).append(name)
+    against = comparison.reference_name
+    return [f"No interval against {against}{of}, {why}: {'; '.join(names)}." for (of, why), names in lines.items()]

@@ -46,9 +46,14 @@ def spelled(name: str, known: Collection[str]) -> str:
     """
     if name in known:
         return name
-    bare = re.sub(r"[\[\]'\"]", "", name)  # which folders leave out
-    found = ",".join(sorted(_DECIMAL.sub(lambda match: repr(float(match[0])), part) for part in overrides(bare)))
+    found = joined(overrides(name))
     return found if found in known else name
+
+
+def joined(words: Iterable[str]) -> str:
+    """Overrides as one name, as folders spell it: in their order, without brackets and quotes, `.1` as `0.1`."""
+    bare = [re.sub(r"[\[\]'\"]", "", word) for word in words]
+    return ",".join(sorted(_DECIMAL.sub(lambda match: repr(float(match[0])), word) for word in bare))
 
 
 def nearest_of(name: str, known: Collection[str]) -> str:

@@ -28,6 +28,17 @@ def parameters(config: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in flat("", kept) if "." in key or value not in (None, [])}
 
 
+def chosen(overrides: Iterable[str]) -> list[str]:
+    """The words that say what a run is beside its experiment and method, without circumstances.
+
+    Example:
+        >>> chosen(["method=delayed", "agent.updates=2", "replicas=2", "feedback=terminal"])
+        ['agent.updates=2', 'feedback=terminal']
+    """
+    others = {*CIRCUMSTANCES, _TITLE, "experiment", "method"}
+    return [word for word in overrides if re.split(r"[.@=]", word.lstrip("+~"), maxsplit=1)[0] not in others]
+
+
 def labels(configs: Sequence[Mapping[str, Any]]) -> list[Label]:
     """For each job, what tells it from the others: what jobs of its experiment and method differ in, then these.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 
 import numpy as np
@@ -14,6 +15,7 @@ Bounds = tuple[float, float]
 CONFIDENCE = 0.95
 SHARE: Bounds = (0.0, 1.0)  # a rate lies here
 GAP: Bounds = (-1.0, 1.0)  # and the difference of two rates here
+POSITIVE: Bounds = (0.0, math.inf)  # a mean square error is never below 0
 
 
 def is_rate(metric: str, rates: Mapping[str, str], known: Collection[str]) -> bool:
@@ -39,13 +41,14 @@ def mean_interval(values: ArrayLike, bounds: Bounds | None = None) -> tuple[Arra
 
     Without bounds it is Student's, x̄ ± t(n−1) s/√n. Where what is averaged lies within bounds, it is Wilson's score
     interval, which does too: p = (x̄ − low)/(high − low), and in place of the count the effective one, p(1 − p)/se².
-    Near the middle of the bounds, and for small errors, the two agree.
+    Near the middle of the bounds, and for small errors, the two agree. Where there is a bound on one side alone,
+    Student's interval ends there.
     Source: Wilson 1927; Dean and Pagano 2015, "Evaluating confidence interval methods for binomial proportions in
     clustered surveys" (the effective count, with t for the normal quantile).
 
     Args:
         values: [n, ...] one a seed.
-        bounds: the least and the largest value that a mean can have.
+        bounds: the least and the largest value that a mean can have; the latter may be infinite.
 
     Returns:
         Mean, lower and upper end, each [...]; the ends are NaN for n = 1.
@@ -58,6 +61,8 @@ def mean_interval(values: ArrayLike, bounds: Bounds | None = None) -> tuple[Arra
     if bounds is None:
         return mean, mean - half, mean + half
     low, high = bounds
+    if math.isinf(high):
+        return mean, np.maximum(mean - half, low), mean + half
     share, width = (mean - low) / (high - low), half / (high - low)
     spread = share * (1 - share)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from credit.report import style
 from credit.report.comparison import Comparison, summarise
 from credit.report.distribution import distribution_figure
 from credit.report.figures import curves_figure
-from credit.report.labels import row_names
+from credit.report.labels import row_names, title
 from credit.report.looks import looks
 from credit.report.runs import load_runs
 
@@ -142,6 +143,14 @@ def test_a_curve_at_zero_is_seen(maze: Comparison) -> None:
         assert height > flat.get_linewidth() * curves.dpi / 72
 
 
+def test_a_curve_of_one_point_is_drawn_as_a_point(write_run: WriteRun, tmp_path: Path) -> None:
+    for seed in range(3):
+        write_run("reference", seed, {"regret/cumulative": 5.0 + seed}, steps=(70,))
+    curves, _ = figures(summarise(load_runs(tmp_path / "outputs", "advertiser")))
+    (axes,) = curves.axes
+    assert any(line.get_marker() == "o" and line.get_xydata().tolist() == [[70.0, 6.0]] for line in axes.lines)
+
+
 def test_bands_of_rates_and_their_axes_stay_between_0_and_1(maze: Comparison) -> None:
     curves, scores = figures(maze)
     for axes in curves.axes:
@@ -176,6 +185,27 @@ def test_panels_share_their_axes_unless_one_would_be_squeezed(
     for limits in ([axes.get_ylim() for axes in curves.axes], [axes.get_xlim() for axes in scores.axes]):
         assert (limits[0] == limits[1]) is together
     assert curves.axes[0].get_xlim() == curves.axes[1].get_xlim()
+
+
+def test_a_name_that_a_folder_cuts_is_whole_in_labels(write_run: WriteRun, tmp_path: Path) -> None:
+    words = ["experiment=advertiser", "replicas=1", "mixer.alpha=.3", "trainer.steps=700", "surrogates.mine.steps=2"]
+    cut = "mixer.alpha=0.3,surrogates.mine.steps=2,trai-9c800baf"
+    write_run("reference", 0, {"regret/cumulative": 5.0}, trainer=SHORT, slug="trainer.steps=700")
+    folder = write_run("reference", 0, {"regret/cumulative": 5.0}, trainer=SHORT, slug=cut)
+    summary = json.loads((folder / "summary.json").read_text()) | {"session": "s-1", "job": "s-1-0"}
+    (folder / "summary.json").write_text(json.dumps(summary))
+    record = tmp_path / "outputs" / "sessions" / "s-1" / "job-0.json"
+    record.parent.mkdir(parents=True)
+    record.write_text(json.dumps({"overrides": words}))
+    (part,) = load_runs(tmp_path / "outputs", "advertiser").by_setting()
+    whole = "mixer.alpha=0.3,surrogates.mine.steps=2"
+    assert part.frame["slug"].tolist() == ["default", whole]  # the budget makes the setting, and no variant
+    assert list(row_names([summarise(part)]).values()) == ["Ridge-UCB", "Ridge-UCB\nalpha=0.3, steps=2"]
+    assert "trainer.steps=700" in title([summarise(part)])
+    for asked in (cut, whole, "mixer.alpha=.3,surrogates.mine.steps=2,trainer.steps=700"):
+        assert load_runs(tmp_path / "outputs", "advertiser", slugs=[asked]).frame["slug"].tolist() == [whole]
+    record.unlink()
+    assert cut in load_runs(tmp_path / "outputs", "advertiser").frame["slug"].tolist()
 
 
 def test_a_very_long_name_is_folded(write_run: WriteRun, tmp_path: Path) -> None:

@@ -16,9 +16,11 @@ from credit.report.measures import (
     SUCCESS,
     SUCCESS_ROUNDS,
     WORTH,
+    choose_curves,
     choose_measures,
+    known_measure,
 )
-from credit.runs.intervals import is_rate
+from credit.runs.intervals import POSITIVE, is_rate
 
 KNOWN = ("eval/auc", "eval/final", "eval/return", "eval/length", "return/label")
 
@@ -42,6 +44,18 @@ def test_what_a_judge_declares_a_rate_is_drawn_and_bounded_as_one() -> None:
         if not measure.per:  # a share of rounds, of which the judge gives both counts
             assert is_rate(measure.metric, declared, ["eval/success"]) is measure.rate, measure.metric
     assert not any(measure.rate for measure in RETURN_ROUNDS)
+
+
+def test_a_regret_is_never_negative_where_it_is_that_of_a_value() -> None:
+    steps, values = ["regret/cumulative", "reward/mse"], ["regret/cumulative", "regret/share", "reward/mse"]
+    for known, bounds in ((steps, None), (values, POSITIVE)):
+        measures = {measure.metric: measure for measure in choose_measures(known, "mine")}
+        (drawn,) = choose_curves(known, tuple(measures.values()))
+        asked = known_measure("metric", "regret/cumulative", known)
+        assert drawn.metric == "regret/cumulative"
+        assert drawn.bounds == asked.bounds == bounds
+        assert measures["reward/mse"].bounds == POSITIVE
+    assert measures["regret/share"].bounds == POSITIVE
 
 
 @pytest.mark.parametrize("judge", [AverageReward, Episodic, Rollouts])

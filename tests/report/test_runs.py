@@ -72,38 +72,6 @@ def test_a_configuration_that_is_missing_where_two_are_compared_is_named(write_r
         job.read(tmp_path / "outputs/advertiser/reference/default/seed-0")
 
 
-def test_nothing_at_all_says_what_to_run(tmp_path: Path):
-    with pytest.raises(UserError, match=r"Found no runs at all.*credit train -m experiment=advertiser method="):
-        load_runs(tmp_path / "outputs", "advertiser")
-
-
-def test_an_experiment_that_is_none_is_not_advised(write_run: WriteRun, tmp_path: Path):
-    write_run("delayed", 0, REGRET, experiment="CartPole-v1")
-    with pytest.raises(UserError, match="no runs of it; did you mean 'CartPole-v1'") as said:
-        load_runs(tmp_path / "outputs", "CartPole-v0")
-    assert "credit train" not in str(said.value)
-
-
-def test_nothing_finished_names_what_was_found(write_run: WriteRun, tmp_path: Path):
-    write_run("block", 0, REGRET, done=False)
-    write_run("delayed", 0, REGRET, experiment="sepsis")
-    output = tmp_path / "outputs"
-    with pytest.raises(UserError, match=r"1 unfinished run\(s\) of block"):
-        load_runs(output, "advertiser")
-    with pytest.raises(UserError, match="Found runs of advertiser, sepsis only"):
-        load_runs(output, "pointmaze")
-    with pytest.raises(UserError, match="Finished runs exist for delayed, but not with these seeds"):
-        load_runs(output, "sepsis", seed=100)
-
-
-def test_a_method_without_runs_is_an_error(write_run: WriteRun, tmp_path: Path):
-    write_run("disagreement", 0, REGRET)
-    with pytest.raises(UserError, match="did you mean 'disagreement'"):
-        load_runs(tmp_path / "outputs", "advertiser", methods=["disagreement", "disagrement"])
-    with pytest.raises(UserError, match="did you mean 'disagreement'"):
-        load_runs(tmp_path / "outputs", "advertiser", methods=["disagrement"])
-
-
 def test_a_damaged_run_is_named(write_run: WriteRun, tmp_path: Path):
     folder = write_run("reference", 0, REGRET)
     (folder / "summary.json").write_text("{", encoding="utf-8")

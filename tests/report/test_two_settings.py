@@ -16,7 +16,8 @@ from credit.report.distribution import distribution_figure
 from credit.report.figures import curves_figure
 from credit.report.published import load_paper
 from credit.report.runs import load_runs
-from credit.report.tables import csv, latex, markdown, runs_csv, terminal_tables
+from credit.report.tables import csv, latex, markdown, runs_csv
+from credit.report.terminal import terminal_tables
 from credit.report.text import caption, sentences
 
 from .conftest import BLOCK_SUM, TERMINAL, WriteRun, recovery_arrays

@@ -8,7 +8,7 @@ from scipy import stats
 
 from credit.judges.exact import AverageReward
 from credit.judges.rollouts import Rollouts
-from credit.runs.intervals import GAP, SHARE, is_rate, mean_interval
+from credit.runs.intervals import GAP, POSITIVE, SHARE, is_rate, mean_interval
 
 
 def test_without_bounds_it_is_the_t_interval_of_scipy() -> None:
@@ -30,6 +30,14 @@ def test_the_ends_of_a_bounded_interval_solve_the_score_equation(
     # the error at an end is that at the mean, as far as p(1 − p) says
     error = half * np.sqrt(ends * (1 - ends) / (share * (1 - share)))
     np.testing.assert_allclose([share - ends[0], ends[1] - share], error)
+
+
+def test_what_is_never_negative_has_students_interval_as_far_as_0() -> None:
+    values = np.array([[1.0, 10.0], [5.0, 11.0]])
+    mean, low, high = mean_interval(values)
+    assert low[0] < 0 < low[1]
+    found = mean_interval(values, POSITIVE)
+    np.testing.assert_array_equal(found, [mean, [0.0, low[1]], high])
 
 
 @pytest.mark.parametrize("count", [2, 3, 5, 20])

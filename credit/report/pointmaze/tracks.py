@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from credit.core.errors import UserError
 from credit.envs.pointmaze.maze import Cell, Maze
+from credit.report import settings
 from credit.report.comparison import Comparison, display_name
 from credit.report.pointmaze.recognise import FILE
 from credit.report.reading import arrays
 
+LONGEST = 120  # letters of a variant in the name of a file
 PARTS = ("demonstrations", "online", "evaluation")
 
 
@@ -101,7 +103,8 @@ def typical(group: pd.DataFrame, comparison: Comparison, seed: int | None) -> pd
 
 def file_name(kind: str, setting: str, method: str, slug: str) -> str:
     """What a picture of a method is called."""
-    return "_".join(filter(None, [kind, setting, method, "" if slug == "default" else slug]))
+    short = slug if len(slug) <= LONGEST else settings.file_name(slug)  # files have shorter names than variants
+    return "_".join(filter(None, [kind, setting, method, "" if slug == "default" else short]))
 
 
 def counted(success: Sequence[bool] | NDArray[np.bool_]) -> str:
