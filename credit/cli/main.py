@@ -88,10 +88,10 @@ def nothing_begun(command: str) -> Iterator[None]:
 def guarded(command: str, words: Sequence[str]) -> int:
     """Run a command and turn its errors into messages and exit codes."""
     try:
-        findable(Path.cwd())
         if command not in COMMANDS:
             raise UserError(f"{command!r} is no command; {nearest(command, COMMANDS)}")
-        status: int = importlib.import_module(f"credit.cli.{command}").main(list(words))
+        with findable(Path.cwd()):
+            status: int = importlib.import_module(f"credit.cli.{command}").main(list(words))
         return status
     except UserError as error:
         lines = str(error).splitlines()

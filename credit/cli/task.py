@@ -68,13 +68,12 @@ class Task:
         from credit.runs.session import Session
 
         os.chdir(self.folder)  # a worker may have served another command, or have come to life elsewhere
-        findable(self.folder)
         session = Session(self.output, self.session)
         board = Board(session.folder)
         number = self.numbers[job_number()]
         if board.stopped() or (not self.parent.here() and self.parent.gone()):
             return  # the terminal says that it was not run
-        with interruptible(self.parent.here()), Pulse(board, number, self.parent) as pulse:
+        with findable(self.folder), interruptible(self.parent.here()), Pulse(board, number, self.parent) as pulse:
             self._run(session, board, number, pulse)
 
     def _run(self, session: Any, board: Board, number: int, pulse: Pulse) -> None:

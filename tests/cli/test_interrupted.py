@@ -28,6 +28,7 @@ with launchers._deaf("joblib"):
 CODE = """
 import os, signal
 from credit.cli.main import nothing_begun
+signal.signal(signal.SIGINT, signal.default_int_handler)  # it is ignored where a shell started all this with &
 with nothing_begun("train"):
     try:
         os.kill(os.getpid(), signal.SIGINT)

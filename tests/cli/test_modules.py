@@ -78,6 +78,6 @@ def test_environments_step_in_workers_of_a_sweeps_workers(tmp_path: Path, script
 
 def test_what_is_installed_comes_before_the_working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "path", ["/one", "/two"])
-    findable(tmp_path)
-    findable(tmp_path)
-    assert sys.path == ["/one", "/two", str(tmp_path)]
+    with findable(tmp_path), findable(tmp_path):
+        assert sys.path == ["/one", "/two", str(tmp_path)]
+    assert sys.path == ["/one", "/two"]
