@@ -52,7 +52,7 @@ def test_a_damaged_store_is_one_message(credit, folder):
     for path in (folder / "outputs").glob("mlflow.db*"):
         path.write_bytes(b"no database " * 400)
     (session,) = (folder / "outputs/sessions").iterdir()
-    (session / "mlflow.json").unlink()
+    (session / "mlflow.json").unlink(missing_ok=True)  # a slow machine may not have come to it
     ended = credit("sync", str(session))
     assert ended.code == 1
     assert ended.err.startswith("credit sync: ")
