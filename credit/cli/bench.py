@@ -6,11 +6,11 @@ import importlib
 import os
 import sys
 
-from rich.console import Console
 from rich.table import Table
 
 from credit.cli.common import Words
 from credit.cli.main import guarded
+from credit.cli.output import page
 from credit.core.errors import UserError, nearest
 
 BENCHES = {
@@ -43,7 +43,7 @@ def main(argv: list[str]) -> int:
             mark = "" if row.met is None else "met" if row.met else "MISSED"
             table.add_row(row.what, row.figure, row.target, mark)
             missed += row.met is False
-        Console(width=max(100, Console().width)).print(table)
+        page().print(table)
     return 1 if missed else 0
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 from credit.cli.main import guarded
+from credit.cli.output import page
 from credit.cli.words import Reader, given, name, names, number, read_words, whole
 from credit.core.errors import UserError
 
@@ -70,16 +71,12 @@ def main(argv: list[str]) -> int:
     words = [word for word in words if word not in named]
     options = {"experiment": "advertiser", "output": Path("outputs"), **read_words(words, READERS, "compare")}
     tracked = options.pop("tracked", True)
-    from rich.console import Console
-
     from credit.report.compare import compare
     from credit.report.terminal import terminal_tables
     from credit.report.text import caption, heading, in_common, sentences
 
     report = compare(where=where, slugs=[word.partition("=")[2] for word in named] or None, **options)
-    console = Console(highlight=False, markup=False)
-    if not console.is_terminal:
-        console.width = 100
+    console = page()
     for comparison in report.comparisons:
         if heading(comparison.runs):
             console.rule(heading(comparison.runs), align="left", characters="═")

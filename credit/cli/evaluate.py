@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 from credit.cli.main import guarded
+from credit.cli.output import page
 from credit.cli.words import Reader, read_words, whole
 from credit.core.errors import UserError
 
@@ -53,9 +54,7 @@ def main(argv: list[str]) -> int:
     from credit.runs.policies import read
     from credit.runs.threads import limited
 
-    console, kinds = Console(highlight=False, markup=False), dict[bool, list[Any]]()
-    if not console.is_terminal:
-        console.width = 160
+    console, kinds = page(160), dict[bool, list[Any]]()
     places = [*dict.fromkeys(place for folder in folders for place in seeds_of(folder))]
     for place in places:
         changed(read(place)["config"], changes)  # all is looked at before the first is judged

@@ -7,7 +7,10 @@ import contextlib
 import os
 import sys
 from collections.abc import Iterator
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 PLAIN = {
     "−": "-",
@@ -96,6 +99,16 @@ def opened() -> None:
             if nowhere != number:
                 os.dup2(nowhere, number)
                 os.close(nowhere)
+
+
+def page(width: int = 100, markup: bool = False) -> Console:
+    """A console for tables on standard output: as wide as the terminal, and `width` in a file or a pipe."""
+    from rich.console import Console
+
+    console = Console(highlight=False, markup=markup)
+    if not console.is_terminal:
+        console.width = width
+    return console
 
 
 @contextlib.contextmanager

@@ -16,6 +16,7 @@ from credit.cli.follow import Follower
 from credit.cli.launching import Begun
 from credit.cli.main import guarded, nothing_begun
 from credit.cli.outcome import Job, counts, shown, table
+from credit.cli.output import page
 from credit.config import launchers, registry, sweeps
 from credit.core.errors import UnknownKey, UserError
 
@@ -145,10 +146,7 @@ def uses_gpu(jobs: list[Job]) -> bool:
 
 def show(follower: Follower, jobs: Mapping[int, Job]) -> None:
     """The table of all jobs, and how many of each kind."""
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = 100
-    console.print(table(follower.facts, jobs))
+    page(markup=True).print(table(follower.facts, jobs))
     print("\n".join(counts(follower.facts, jobs)))
 
 

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
-from rich.console import Console
 
 from credit.cli.outcome import shown
+from credit.cli.output import page
 from credit.report.comparison import Comparison
 from credit.report.statistics import mean_and_error
 from credit.report.terminal import terminal_tables
@@ -50,9 +50,7 @@ class Tuned:
 
 def said(search: Search, found: Tuned) -> None:
     """Print what was found, on which seeds, and what to type next."""
-    console = Console(highlight=False, markup=False)
-    if not console.is_terminal:
-        console.width = 100
+    console = page()
     states = found.trials["state"].value_counts()
     counts = {"COMPLETE": "done", "FAIL": "failed", "RUNNING": "interrupted"}
     told = ", ".join(f"{states[state]} {word}" for state, word in counts.items() if state in states)
@@ -79,7 +77,7 @@ def said(search: Search, found: Tuned) -> None:
 
 
 def following(search: Search, found: Tuned) -> dict[str, str]:
-    """What to type next: for more seeds of the best setting, for figures, for the study itsearch."""
+    """What to type next: for more seeds of the best setting, for figures, for the study itself."""
     job, seeds = search.job, f"seed={search.reported.start} replicas={len(search.reported)}"
     where = [] if job.output == "outputs" else [f"output={job.output}"]
     words = {"open": f"optuna-dashboard {shlex.quote(str(shown(found.folder / STORE)))}"}

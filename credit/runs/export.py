@@ -84,15 +84,19 @@ def _model(kept: Kept, name: str) -> Any:
         UserError: that cannot be, or it does something else.
     """
     acting, examples = _Acting(kept, name), _examples(kept)
+    what = f"{kept.source}: policy={name}"
+    with torch.no_grad():
+        wanted, again = ([acting(*example) for example in examples] for _ in range(2))
+    if not all(map(torch.equal, wanted, again)):
+        raise UserError(f"{what} draws its actions at random, which a file cannot; take another of the run's policies")
     try:
         with torch.no_grad(), _quiet():
-            wanted = [acting(*example) for example in examples]
             program = torch.onnx.export(
                 acting, examples[0], dynamo=True, input_names=INPUTS, output_names=OUTPUTS, verbose=False
             )
     except RAISED as error:  # of the exporter, which knows many ways to fail
         reason = str(error.__cause__ or error).strip().partition("\n")[0]
-        raise UserError(f"{kept.source}: ONNX cannot say what policy={name} does: {reason}") from error
+        raise UserError(f"{what} cannot be said in ONNX: {reason}") from error
     assert program is not None
     program.model.metadata_props.update(
         {
@@ -106,18 +110,18 @@ def _model(kept: Kept, name: str) -> Any:
         }
     )
     model = program.model_proto
-    _try(model, examples, wanted, f"{kept.source}: policy={name}")
+    _try(model, examples, wanted, what)
     return model
 
 
 def _examples(kept: Kept) -> list[tuple[Tensor, Tensor]]:
-    """Observations and steps to try it on."""
+    """Observations to try it on, at the steps of episodes, one after the other."""
     problem, numbers = kept.problem, torch.Generator().manual_seed(0)
     if problem.finite_states:
         seen = torch.randint(problem.states, (TRIED, 1), generator=numbers)
     else:
         seen = torch.randn(TRIED, 1, problem.observations, generator=numbers)
-    steps = torch.randint(problem.horizon, (TRIED, 1), generator=numbers)
+    steps = torch.arange(TRIED).unsqueeze(1) % problem.horizon
     return [*zip(seen, steps, strict=True)]
 
 
@@ -133,7 +137,7 @@ def _try(model: Any, examples: list[tuple[Tensor, Tensor]], wanted: list[Tensor]
     for example, action in zip(examples, wanted, strict=True):
         (found,) = run.run(None, {name: part.numpy() for name, part in zip(INPUTS, example, strict=True)})
         if not np.allclose(found, action.numpy(), rtol=0, atol=ALIKE):
-            raise UserError(f"{what} does not do the same twice: a file would not act as it does; take another policy")
+            raise UserError(f"{what} would not be followed by its file ({found.tolist()} for {action.tolist()})")
 
 
 @contextmanager

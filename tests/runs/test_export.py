@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 import credit
 from credit.core.errors import UserError
@@ -93,16 +94,26 @@ def test_what_is_refused(
     assert not [*tmp_path.iterdir()]
 
 
-def test_a_policy_that_a_file_does_not_follow_is_refused(
+def test_a_policy_that_draws_at_random_is_refused(tmp_path: Path, composed: Composed) -> None:
+    config = composed("method=random", "trainer.steps=70")
+    place = kept(made(config), config, tmp_path)[0]
+    (place / "config.yaml").touch()
+    with pytest.raises(UserError, match="policy=behaviour draws its actions at random"):
+        credit.export(place, tmp_path / "policy.onnx")
+    assert not (tmp_path / "policy.onnx").exists()
+
+
+def test_a_file_that_does_something_else_is_refused(
     places: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Here one that does another thing at each call."""
-    calls = iter(range(1000))
+    """Here the exporter takes what is done for something else."""
     forward = exporting._Acting.forward
     monkeypatch.setattr(
-        exporting._Acting, "forward", lambda self, seen, step: forward(self, seen, step) + next(calls) % 2
+        exporting._Acting,
+        "forward",
+        lambda self, seen, step: forward(self, seen, step) + int(torch.compiler.is_exporting()),
     )
-    with pytest.raises(UserError, match="does not do the same twice"):
+    with pytest.raises(UserError, match="would not be followed by its file"):
         credit.export(places("planner"), tmp_path / "policy.onnx")
     assert not [*tmp_path.iterdir()]
 
