@@ -32,6 +32,7 @@ BELOW: dict[str, set[str]] = {  # room → the rooms that it may import, beside 
     "rivals": CORE | TOOLS | {"recovery.models"},  # a rival may use a model of recovery's
     "rounds": CORE,
     "trainer": LOOP,
+    "logged": CORE | {"recovery", "data"},  # the recovery half alone, on tables of rows
     "bridges": CORE | {"envs", "rivals"},  # for agents of other libraries: labels of environments, and rules
     "config": CORE,
     "runs": LOOP | {"config"},
