@@ -1,0 +1,166 @@
+"""Linear models of a step's credit, fitted to labels of windows: the point fit and every draw, each with its own λ."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from credit.core.errors import UserError
+from credit.logged.folds import Folds
+from credit.logged.moments import Moments, moments
+from credit.logged.panel import Floats, Ints
+from credit.logged.ridge import LAMBDAS, held_out, signed, solutions
+from credit.logged.units import Units
+
+SWEEPS = 2  # over the terms whose parameters are chosen
+LARGEST = 3 * 10**8  # numbers in the moments of all draws
+
+
+class Free(Protocol):
+    """A term whose parameters are chosen: for each candidate the columns of the design that stand for it."""
+
+    text: str
+    candidates: Sequence[str]
+    columns: Sequence[Ints]
+
+
+class Choices(Protocol):
+    """What a model's design offers: columns that are always there, and terms of which one candidate each is chosen."""
+
+    names: Sequence[str]
+    fixed: Ints
+    choices: Sequence[Free]
+
+
+@dataclass(frozen=True)
+class LinearFit:
+    """A model that was fitted; the point fit is the first of 1 + B.
+
+    Attributes:
+        theta: [1 + B, D], 0 for columns that were not chosen. penalty: λ of each [1 + B]. chosen: the candidate of each
+            free term [1 + B, terms]. errors: Σ over folds of squared errors of labels of the point fit, at its λ.
+    """
+
+    theta: Floats
+    penalty: Floats
+    chosen: Ints
+    errors: float
+
+    def columns(self, choices: Choices, fit: int = 0) -> Ints:
+        """Which columns of the design are in a fit."""
+        return selected(choices, self.chosen[fit])
+
+
+def selected(choices: Choices, chosen: Sequence[int] | Ints) -> Ints:
+    """The columns of a choice, in the order of the design."""
+    picked = [free.columns[number] for free, number in zip(choices.choices, chosen, strict=True)]
+    return np.unique(np.concatenate([choices.fixed, *picked])).astype(np.int64)
+
+
+def intercept_of(choices: Choices) -> int | None:
+    """The column that is 1 in every row, where there is one."""
+    return next((number for number, name in enumerate(choices.names) if name == "1"), None)
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """How models are fitted to windows.
+
+    Args:
+        folds: on which λ and parameters of terms are chosen. units: what draws weigh. draws: B. seed: of the draws.
+    """
+
+    folds: Folds
+    units: Units | None
+    draws: int = 0
+    seed: int = 0
+
+    def moments(self, x: Floats, y: Floats, known: np.ndarray) -> Moments:
+        """Of every piece of the folds, in every fit [pieces, 1 + B], from labelled windows alone."""
+        fits = 1 + self.draws
+        if (numbers := self.folds.pieces * fits * x.shape[1] ** 2) > LARGEST:
+            raise UserError(
+                f"a model has {x.shape[1]} columns with those of all candidates; with {self.draws} draws and "
+                f"{len(self.folds.of)} folds its moments are {numbers:.1e} numbers, at most {LARGEST:.0e} are kept; use "
+                "fewer draws or folds, fewer candidates (adstock(x, [.3, .6])), or categories with fewer values"
+            )
+        unit = np.zeros(len(y), dtype=np.int64) if self.units is None else self.units.of
+        where = np.flatnonzero(known)
+
+        def weights(units: Ints) -> Floats:
+            if self.units is None:
+                return np.ones((len(units), 1))
+            return self.units.weights(units, self.draws, self.seed)
+
+        return moments(x[where], y[where], self.folds.piece[where], unit[where], weights, self.folds.pieces, fits)
+
+    def fit(
+        self,
+        choices: Choices,
+        pieces: Moments,
+        regularization: float | None = None,
+        signs: Mapping[int, int] | None = None,
+        start: Sequence[int] | None = None,
+    ) -> LinearFit:
+        """Choose candidates and λ in every fit by contiguous folds, and solve it.
+
+        Args:
+            choices: of the model. pieces: moments [pieces, 1 + B]. regularization: λ; None: chosen. signs: column → +1 or
+                −1, the sign that its effect may have. start: candidates to begin with.
+        """
+        penalties = LAMBDAS if regularization is None else np.array([float(regularization)])
+        free = intercept_of(choices)
+        fits = pieces.yy.shape[1]
+        chosen = np.zeros((fits, len(choices.choices)), dtype=np.int64)
+        theta, penalty, first = np.zeros((fits, pieces.xy.shape[-1])), np.zeros(fits), 0.0
+        if choices.choices:
+            begin = list(start) if start is not None else [0] * len(choices.choices)
+            for fit in range(fits):
+                sweeps = SWEEPS if fit == 0 else 1
+                chosen[fit] = self._choose(choices, pieces[:, fit], penalties, free, begin, sweeps)
+                begin = list(chosen[0])
+        for choice in np.unique(chosen, axis=0):  # all fits with the same columns at once
+            own = np.flatnonzero((chosen == choice).all(1))
+            columns = selected(choices, choice)
+            inside = _place(columns, free)
+            part = pieces[:, own].of(columns)
+            errors = held_out(part, self.folds.of, penalties, inside) if len(self.folds.of) > 1 else None
+            best = np.zeros(len(own), dtype=int) if errors is None else np.asarray(errors).argmin(-1)
+            if errors is None and regularization is None:
+                best[:] = int(np.searchsorted(penalties, 1.0))
+            penalty[own] = penalties[best]
+            if own[0] == 0 and errors is not None:
+                first = float(errors[0, best[0]])
+            whole = part.sum(0)
+            theta[own[:, None], columns] = solutions(whole, penalty[own][:, None], inside)[:, 0]
+            if signs and (bound := np.array([signs.get(int(column), 0) for column in columns])).any():
+                for number, fit in enumerate(own):
+                    theta[fit, columns] = signed(whole[number], penalty[fit], inside, bound)
+        return LinearFit(theta, penalty, chosen, first)
+
+    def _choose(
+        self, choices: Choices, pieces: Moments, penalties: Floats, free: int | None, begin: list[int], sweeps: int
+    ) -> list[int]:
+        """The candidate of each term, one term after the other, that predicts labels best which were held out."""
+        chosen, before = list(begin), list[int]()
+        for _ in range(sweeps):
+            for term, one in enumerate(choices.choices):
+                costs = []
+                for number in range(len(one.columns)):
+                    columns = selected(choices, [*chosen[:term], number, *chosen[term + 1 :]])
+                    part = pieces.of(columns)
+                    costs.append(held_out(part, self.folds.of, penalties, _place(columns, free)).min())
+                chosen[term] = int(np.argmin(costs))
+            if chosen == before:
+                break
+            before = list(chosen)
+        return chosen
+
+
+def _place(columns: Ints, free: int | None) -> int | None:
+    """Where the intercept is among some columns."""
+    found = np.flatnonzero(columns == free) if free is not None else []
+    return int(found[0]) if len(found) else None
