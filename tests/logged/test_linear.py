@@ -129,6 +129,8 @@ def test_signs_bind_every_draw() -> None:
 
 def test_more_than_fits_into_memory_is_refused() -> None:
     x = np.ones((10, 2000))
-    fitting = Fitting(folds_of(windows(1, 10), 2, 0), Units("blocks", np.arange(10), np.arange(10, dtype=np.uint64), 1, 0, 0, ""), 200)
+    fitting = Fitting(
+        folds_of(windows(1, 10), 2, 0), Units("blocks", np.arange(10), np.arange(10, dtype=np.uint64), 1, 0, 0, ""), 200
+    )
     with pytest.raises(UserError, match="2000 columns"):
         fitting.moments(x, x[:, 0], x[:, 0] > 0)
