@@ -14,8 +14,8 @@ class Folds:
     """Times are cut into K stretches, and each into its first, middle and last windows: pieces, [3K].
 
     Attributes:
-        piece: of each window [W]: 3 fold + 0, 1, 2. of: for each fold the pieces that it is tested on, and those that it
-            is fitted to: all of the others, but not those that touch it. gap: times that are left out at each border.
+        piece: of each window [W]: 3 fold + 0, 1, 2. of: for each fold the pieces that it is tested on, and those that
+            are fitted: all of the others, but not those that touch it. gap: times that are left out at each border.
     """
 
     piece: Ints

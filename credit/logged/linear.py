@@ -84,8 +84,8 @@ class Fitting:
         if (numbers := self.folds.pieces * fits * x.shape[1] ** 2) > LARGEST:
             raise UserError(
                 f"a model has {x.shape[1]} columns with those of all candidates; with {self.draws} draws and "
-                f"{len(self.folds.of)} folds its moments are {numbers:.1e} numbers, at most {LARGEST:.0e} are kept; use "
-                "fewer draws or folds, fewer candidates (adstock(x, [.3, .6])), or categories with fewer values"
+                f"{len(self.folds.of)} folds its moments are {numbers:.1e} numbers, at most {LARGEST:.0e} are kept; "
+                "use fewer draws or folds, fewer candidates (adstock(x, [.3, .6])), or categories with fewer values"
             )
         unit = np.zeros(len(y), dtype=np.int64) if self.units is None else self.units.of
         where = np.flatnonzero(known)
@@ -108,8 +108,8 @@ class Fitting:
         """Choose candidates and λ in every fit by contiguous folds, and solve it.
 
         Args:
-            choices: of the model. pieces: moments [pieces, 1 + B]. regularization: λ; None: chosen. signs: column → +1 or
-                −1, the sign that its effect may have. start: candidates to begin with.
+            choices: of the model. pieces: moments [pieces, 1 + B]. regularization: λ; None: chosen.
+            signs: column → +1 or −1, the sign that its effect may have. start: candidates to begin with.
         """
         penalties = LAMBDAS if regularization is None else np.array([float(regularization)])
         free = intercept_of(choices)
@@ -123,14 +123,15 @@ class Fitting:
                 chosen[fit] = self._choose(choices, pieces[:, fit], penalties, free, begin, sweeps)
                 begin = list(chosen[0])
         for choice in np.unique(chosen, axis=0):  # all fits with the same columns at once
-            own = np.flatnonzero((chosen == choice).all(1))
+            own = np.flatnonzero((chosen == choice).all(1)).astype(np.int64)
             columns = selected(choices, choice)
             inside = _place(columns, free)
             part = pieces[:, own].of(columns)
             errors = held_out(part, self.folds.of, penalties, inside) if len(self.folds.of) > 1 else None
-            best = np.zeros(len(own), dtype=int) if errors is None else np.asarray(errors).argmin(-1)
-            if errors is None and regularization is None:
-                best[:] = int(np.searchsorted(penalties, 1.0))
+            plain = (
+                0 if regularization is not None else int(np.searchsorted(penalties, 1.0))
+            )  # with nothing to try it on
+            best = np.full(len(own), plain) if errors is None else np.asarray(errors).argmin(-1)
             penalty[own] = penalties[best]
             if own[0] == 0 and errors is not None:
                 first = float(errors[0, best[0]])
@@ -162,5 +163,5 @@ class Fitting:
 
 def _place(columns: Ints, free: int | None) -> int | None:
     """Where the intercept is among some columns."""
-    found = np.flatnonzero(columns == free) if free is not None else []
-    return int(found[0]) if len(found) else None
+    places = [] if free is None else np.flatnonzero(columns == free).tolist()
+    return places[0] if places else None

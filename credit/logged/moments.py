@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -82,7 +83,7 @@ def moments(
         if len(begins) < len(chosen):
             products, which, own = np.add.reduceat(products, begins, axis=0), which[begins], own[begins]
         edges = np.searchsorted(which, np.arange(pieces + 1))
-        for number, (begin, end) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+        for number, (begin, end) in enumerate(pairwise(edges)):
             if begin < end:
                 total[number] += products[begin:end].T @ weights(own[begin:end])
     square = np.empty((pieces, fits, whole, whole))

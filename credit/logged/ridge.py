@@ -1,7 +1,7 @@
 """Ridge regression on moments: paths over λ, held-out errors and signs, as pure equations.
 
-θ(λ) = argmin Σ_i w_i (Y_i − x_iᵀθ)² + λ Σ_j s_j² θ_j², where s_j² is the mean square of column j among the windows after
-the intercept is taken out, so that units of columns do not matter, and λ counts windows: what is known beforehand (that
+θ(λ) = argmin Σ_i w_i (Y_i − x_iᵀθ)² + λ Σ_j s_j² θ_j², where s_j² is the mean square of column j among the windows
+after the intercept is taken out, so that units of columns do not matter, and λ counts windows: what is known beforehand (that
 a column does nothing) weighs as much as λ of them. The intercept, the column `free`, is not held back. Where columns
 cannot be told apart their effects are as small as they can be: what the data do not say, the fit does not.
 """
@@ -57,8 +57,8 @@ def held_out(pieces: Moments, folds: list[tuple[Ints, Ints]], penalties: Floats,
     """Σ over folds of the squared error with which labels are predicted that a fit has not seen [..., L].
 
     Args:
-        pieces: moments of pieces of the windows [pieces, ...]. folds: for each the pieces that it is tested on, and those
-            that it is fitted to. penalties: λ [L]. free: as for `solutions`.
+        pieces: moments of pieces of the windows [pieces, ...]. folds: for each the pieces that it is tested on, and
+            those that are fitted. penalties: λ [L]. free: as for `solutions`.
     """
     total: Floats = np.zeros(1)
     for tested, fitted in folds:

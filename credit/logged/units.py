@@ -1,8 +1,8 @@
 """What is resampled as one, so that an interval means what it says: groups, or blocks of time common to all groups.
 
 A draw gives every unit u a weight of mean and variance 1 (an exponential one: Rubin's Bayesian bootstrap), from the
-unit's name, the seed and the draw alone: shards, order and cores change nothing. With U units a draw's spread is smaller
-than that of what is estimated by the factor √((U − 1) / (U + 1)) (Dirichlet weights against a sample's variance), which
+unit's name, the seed and the draw alone: shards, order and cores change nothing. With U units a draw's spread is
+smaller than that of what is estimated by the factor √((U − 1) / (U + 1)) (Dirichlet weights against a sample's variance), which
 is put right, and an interval takes Student's t with U − 1 degrees of freedom.
 """
 
@@ -27,7 +27,7 @@ class Units:
 
     Attributes:
         kind: groups or blocks. of: the unit of each window [W]. key: name of each unit, a number [U] uint64.
-        length: times in a block. in_time, across: correlation of the residuals of windows that follow each other, and of
+        length: times in a block. in_time, across: correlation of residuals of windows that follow each other, and of
             groups at one time; NaN where there is nothing to tell it. said: what was chosen and why, a sentence.
     """
 

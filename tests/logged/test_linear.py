@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from tests.logged.test_units import windows
 
 from credit.core.errors import UserError
 from credit.logged.folds import folds_of, r_squared
@@ -14,6 +13,7 @@ from credit.logged.linear import Fitting
 from credit.logged.moments import Moments
 from credit.logged.ridge import LAMBDAS, solutions
 from credit.logged.units import Units
+from tests.logged.test_units import windows
 
 pytestmark = pytest.mark.numerical
 
