@@ -2,8 +2,8 @@
 
 A draw gives every unit u a weight of mean and variance 1 (an exponential one: Rubin's Bayesian bootstrap), from the
 unit's name, the seed and the draw alone: shards, order and cores change nothing. With U units a draw's spread is
-smaller than that of what is estimated by the factor √((U − 1) / (U + 1)) (Dirichlet weights against a sample's variance), which
-is put right, and an interval takes Student's t with U − 1 degrees of freedom.
+smaller than that of what is estimated by the factor √((U − 1) / (U + 1)) (Dirichlet weights against a sample's
+variance), which is put right, and an interval takes Student's t with U − 1 degrees of freedom.
 """
 
 from __future__ import annotations

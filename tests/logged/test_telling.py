@@ -29,11 +29,11 @@ def part(lengths: list[int]) -> Part:
 
 
 def test_day_of_week_in_whole_weeks_has_rank_one() -> None:
-    rows, x, names = weekdays([7] * 30)
+    _, x, names = weekdays([7] * 30)
     found = told(x.T @ x, names)
     assert found.rank == 2  # what all days have in common, and spend
     assert len(found.relations) == 6
-    assert [relation.text for relation in found.relations][0] == "summed over every window, day[Sun] = 0.1429·1"
+    assert found.relations[0].text == "summed over every window, day[Sun] = 0.1429·1"
     assert found.answers(np.eye(8)).tolist() == [False] * 7 + [True]
     week = np.array([7.0, 1, 1, 1, 1, 1, 1, 0])  # what a whole week is worth
     assert found.answers(week)
@@ -54,7 +54,7 @@ def test_a_broken_week_settles_what_it_breaks() -> None:
 
 
 def test_columns_that_move_together_in_every_row_need_another_action() -> None:
-    rows, _, names = weekdays([7] * 30)
+    rows, _, _ = weekdays([7] * 30)
     both = np.column_stack([rows[:, [0, 7]], 2 * rows[:, 7]])
     x = np.add.reduceat(both, np.arange(0, 210, 7), axis=0)
     found = told(x.T @ x, ["1", "tv", "radio"])
