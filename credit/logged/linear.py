@@ -128,9 +128,7 @@ class Fitting:
             inside = _place(columns, free)
             part = pieces[:, own].of(columns)
             errors = held_out(part, self.folds.of, penalties, inside) if len(self.folds.of) > 1 else None
-            plain = (
-                0 if regularization is not None else int(np.searchsorted(penalties, 1.0))
-            )  # with nothing to try it on
+            plain = len(penalties) // 2 if regularization is None else 0  # there is nothing to try it on
             best = np.full(len(own), plain) if errors is None else np.asarray(errors).argmin(-1)
             penalty[own] = penalties[best]
             if own[0] == 0 and errors is not None:

@@ -2,8 +2,8 @@
 
 θ(λ) = argmin Σ_i w_i (Y_i − x_iᵀθ)² + λ Σ_j s_j² θ_j², where s_j² is the mean square of column j among the windows
 after the intercept is taken out, so that units of columns do not matter, and λ counts windows: what is known beforehand
-(that a column does nothing) weighs as much as λ of them. The intercept, the column `free`, is not held back. Where columns
-cannot be told apart their effects are as small as they can be: what the data do not say, the fit does not.
+(that a column does nothing) weighs as much as λ of them. The intercept, the column `free`, is not held back. Where
+columns cannot be told apart their effects are as small as they can be: what the data do not say, the fit does not.
 """
 
 from __future__ import annotations
