@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from credit.core.belief import Estimate
-from credit.logged.mixture import mixed
+from credit.logged.mixture import mixed, of_tensors
 from credit.recovery.mixers import ReferenceOnly, RelativeMSE
 from credit.recovery.proxies import gap, mse_proxies
 
@@ -64,3 +64,19 @@ def test_all_weight_on_the_reference_is_the_reference() -> None:
     found, alone = mixed(designs, thetas, ReferenceOnly()), mixed(designs[:1], thetas[:1], ReferenceOnly())
     np.testing.assert_allclose(found.credit, alone.credit)
     np.testing.assert_allclose(found.deviation, alone.deviation)
+
+
+@pytest.mark.parametrize("models", [2, 3, 4])
+@pytest.mark.parametrize("alpha", [0.01, 0.5, 30.0])
+def test_the_loop_does_what_the_tensors_do(models: int, alpha: float) -> None:
+    designs, thetas = made(models)
+    mixer = RelativeMSE(alpha=alpha)
+    loop = mixed(designs, thetas, mixer, keep=True)
+    tensors = of_tensors(np.stack([d @ t.T for d, t in zip(designs, thetas, strict=True)]), mixer)
+    for name in ("credit", "deviation", "each", "weights", "disagreement", "draws"):
+        np.testing.assert_allclose(getattr(loop, name), getattr(tensors, name), rtol=1e-9, atol=1e-12)
+
+
+def test_no_row_is_no_credit() -> None:
+    designs, thetas = made()
+    assert len(mixed([design[:0] for design in designs], thetas, RelativeMSE()).credit) == 0
