@@ -1,4 +1,4 @@
-"""The mixture of rows as a loop: what `mixture` does with the paper's mixer, row by row, so that all stays in the cache.
+"""The mixture of rows as a loop: what `mixture` does with the paper's mixer, row by row, so that all stays near.
 
 For ten million rows and two hundred draws the tensor operations of `mixture.of_tensors` move hundreds of gigabytes.
 They stay, for other mixers and to compare with. `NUMBA_DISABLE_JIT=1` switches the loop off.
