@@ -57,11 +57,8 @@ class Bits:
         errors = self._held_out(columns, choices, penalties)
         penalty = float(penalties[int(errors.argmin())])
         theta, intercept = self._solved(columns, choices, penalty, self.known, 1 + self.draws)
-        fits = 1 + self.draws
-        fit = LinearFit(
-            theta, np.full(fits, penalty), np.tile(np.array(chosen, dtype=np.int64), (fits, 1)), errors.min()
-        )
-        return fit, intercept
+        every = np.tile(np.array(chosen, dtype=np.int64), (1 + self.draws, 1))
+        return LinearFit(theta, np.full(1 + self.draws, penalty), every, float(errors.min())), intercept
 
     def without(self, choices: Choices, fit: LinearFit, fold: int, draws: int) -> tuple[Floats, Floats]:
         """θ [1 + draws, D] and intercepts of fits that have not seen a fold."""
