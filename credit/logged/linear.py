@@ -140,6 +140,17 @@ class Fitting:
                     theta[fit, columns] = signed(whole[number], penalty[fit], inside, bound)
         return LinearFit(theta, penalty, chosen, first)
 
+    def without(self, choices: Choices, pieces: Moments, fit: LinearFit, fold: int, draws: int) -> Floats:
+        """θ [1 + draws, D] of the first fits, with their λ and candidates, without a fold and what touches it."""
+        theta = np.zeros((1 + draws, pieces.xy.shape[-1]))
+        free = intercept_of(choices)
+        for choice in np.unique(fit.chosen[: 1 + draws], axis=0):
+            own = np.flatnonzero((fit.chosen[: 1 + draws] == choice).all(1)).astype(np.int64)
+            columns = selected(choices, choice)
+            part = pieces[self.folds.of[fold][1]][:, own].of(columns).sum(0)
+            theta[own[:, None], columns] = solutions(part, fit.penalty[own][:, None], _place(columns, free))[:, 0]
+        return theta
+
     def _choose(
         self, choices: Choices, pieces: Moments, penalties: Floats, free: int | None, begin: list[int], sweeps: int
     ) -> list[int]:
