@@ -133,14 +133,18 @@ class Fitting:
             penalty[own] = penalties[best]
             if own[0] == 0 and errors is not None:
                 first = float(errors[0, best[0]])
-            whole = part.sum(0)
-            theta[own[:, None], columns] = solutions(whole, penalty[own][:, None], inside)[:, 0]
-            if signs and (bound := np.array([signs.get(int(column), 0) for column in columns])).any():
-                for number, fit in enumerate(own):
-                    theta[fit, columns] = signed(whole[number], penalty[fit], inside, bound)
+            theta[own[:, None], columns] = _solved(part.sum(0), penalty[own], columns, inside, signs)
         return LinearFit(theta, penalty, chosen, first)
 
-    def without(self, choices: Choices, pieces: Moments, fit: LinearFit, fold: int, draws: int) -> Floats:
+    def without(
+        self,
+        choices: Choices,
+        pieces: Moments,
+        fit: LinearFit,
+        fold: int,
+        draws: int,
+        signs: Mapping[int, int] | None = None,
+    ) -> Floats:
         """θ [1 + draws, D] of the first fits, with their λ and candidates, without a fold and what touches it."""
         theta = np.zeros((1 + draws, pieces.xy.shape[-1]))
         free = intercept_of(choices)
@@ -148,7 +152,7 @@ class Fitting:
             own = np.flatnonzero((fit.chosen[: 1 + draws] == choice).all(1)).astype(np.int64)
             columns = selected(choices, choice)
             part = pieces[self.folds.of[fold][1]][:, own].of(columns).sum(0)
-            theta[own[:, None], columns] = solutions(part, fit.penalty[own][:, None], _place(columns, free))[:, 0]
+            theta[own[:, None], columns] = _solved(part, fit.penalty[own], columns, _place(columns, free), signs)
         return theta
 
     def _choose(
@@ -168,6 +172,17 @@ class Fitting:
                 break
             before = list(chosen)
         return chosen
+
+
+def _solved(
+    moments: Moments, penalty: Floats, columns: Ints, free: int | None, signs: Mapping[int, int] | None
+) -> Floats:
+    """θ [F, d] of fits with the same columns."""
+    theta = solutions(moments, penalty[:, None], free)[:, 0]
+    if signs and (bound := np.array([signs.get(int(column), 0) for column in columns])).any():
+        for number in range(len(theta)):
+            theta[number] = signed(moments[number], penalty[number], free, bound)
+    return theta
 
 
 def _place(columns: Ints, free: int | None) -> int | None:

@@ -182,7 +182,7 @@ class _Numbers(_Fit):
         fits, moments = self._fits(fitting, x, y)
         held = [
             tuple(
-                fitting.without(model.terms, pieces, fit, fold, min(self.options.draws, HELD_OUT_DRAWS))
+                fitting.without(model.terms, pieces, fit, fold, min(self.options.draws, HELD_OUT_DRAWS), model.bound())
                 for model, pieces, fit in zip(self.models, moments, fits, strict=True)
             )
             for fold in range(len(self.folds.of))
