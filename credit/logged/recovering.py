@@ -236,6 +236,4 @@ class _Bits(_Fit):
             ]
             held.append(tuple(theta for theta, _ in found))
             held_intercepts.append(tuple(intercept for _, intercept in found))
-        return self.found(
-            units, fits, held, intercepts=tuple(intercepts), held_intercepts=tuple(held_intercepts)
-        )
+        return self.found(units, fits, held, intercepts=tuple(intercepts), held_intercepts=tuple(held_intercepts))

@@ -6,6 +6,7 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from credit.logged.models import Pass, aggregated, parts_of
 from credit.logged.panel import Floats, Part
 from credit.logged.recovering import Recovered
 from credit.logged.residuals import Layout, errors
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 IN_MEMORY = 20_000_000  # numbers of a column that are kept in memory; more lie in a file
 
@@ -160,9 +164,7 @@ def _judged(found: Recovered, fitted: Floats, held_out: Floats) -> Judged:
     previous = np.where(windows.labelled, windows.label / share, np.nan)
     last = _before(previous, windows.group)
     persistent = np.where(np.isfinite(last), last * share, alike)
-    scores = np.array(
-        [[r_squared(windows.label, one, plain) for one in held_out] for plain in (alike, persistent)]
-    )
+    scores = np.array([[r_squared(windows.label, one, plain) for one in held_out] for plain in (alike, persistent)])
     return Judged(fitted, held_out, alike, persistent, scores)
 
 
@@ -175,19 +177,21 @@ def _before(values: Floats, group: np.ndarray) -> Floats:
     return np.where(good, values[np.maximum(before, 0)], np.nan)
 
 
-def frames(found: Recovered, rows: Scored, at_once: int = 1_000_000) -> Iterator[object]:
-    """The rows as pandas frames, in the order in which they were given where all are in memory."""
+def frames(found: Recovered, rows: Scored) -> Iterator[pd.DataFrame]:
+    """The rows part by part, with what tells which they are: group, window and time, and their number as index."""
     import pandas as pd
 
-    order = np.argsort(rows.number, kind="stable")
-    for first in range(0, len(order), at_once):
-        own = order[first : first + at_once]
+    roles = found.panel.roles
+    keys = [name for name in (roles.group, roles.window, roles.time) if name is not None]
+    for part, at in parts_of(found.panel):
         columns = {
-            "credit": rows.credit[own],
-            "credit_low": rows.low[own],
-            "credit_high": rows.high[own],
-            "credit_balanced": rows.balanced[own],
+            "credit": rows.credit[at],
+            "credit_low": rows.low[at],
+            "credit_high": rows.high[at],
+            "credit_balanced": rows.balanced[at],
         }
         for m, name in enumerate(found.names):
-            columns |= {f"credit_{name}": rows.each[m, own], f"weight_{name}": rows.weights[m, own]}
-        yield pd.DataFrame({**columns, "disagreement": rows.disagreement[own]}, index=rows.number[own])
+            columns |= {f"credit_{name}": rows.each[m, at], f"weight_{name}": rows.weights[m, at]}
+        columns["disagreement"] = rows.disagreement[at]
+        own = part.frame[[key for key in keys if key in part.frame.columns]]
+        yield pd.concat([own, pd.DataFrame(columns, index=part.frame.index)], axis=1)
