@@ -29,7 +29,7 @@ class Scoped:
 def scoped(terms: Iterable[Sequence[str]], texts: Iterable[str], levels: Mapping[str, int]) -> list[Scoped]:
     """Which columns of which factors are multiplied, as formulaic decides it from their kinds alone.
 
-    Each factor is shown to it as a column of one row: a number, or a category with its levels.
+    Each factor is shown to it as a column of one row: a number, or a category, with two levels for many.
 
     Args:
         terms: products of texts. texts: those that are factors; what else stands in terms is a number.
@@ -43,7 +43,7 @@ def scoped(terms: Iterable[Sequence[str]], texts: Iterable[str], levels: Mapping
     back = {name: text for text, name in names.items()}
     frame = pd.DataFrame(
         {
-            name: pd.Categorical([0], categories=range(levels[text])) if text in levels else [1.0]
+            name: pd.Categorical([0], categories=range(min(levels[text], 2))) if text in levels else [1.0]
             for text, name in names.items()
         },
         index=[0],
@@ -108,7 +108,7 @@ def require_few(formula: str, largest: int, every: int = 1) -> None:
                 count = one * two
             case "*", [one, two]:
                 count = one + two + one * two
-            case ("**" | "^"), [one, _]:
+            case (("**" | "^"), [one, _]):
                 power = str(node.args[1])
                 count = one ** int(power) if power.isdecimal() else one
             case _:
