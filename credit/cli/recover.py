@@ -83,13 +83,11 @@ def _one(asked: Request) -> None:
     with Folder.made(asked.folder, asked.words) as folder:
         found = asked.ask.recover(panel)
         folder.write(found, asked.format)
-    shown(found, folder.path)
+    shown(found, asked.folder)
     if asked.tracked:
         from credit.tracking.report_run import log_folder
 
-        print(log_folder(asked.output, "recover", asked.folder.name, folder.path, found.metrics))
-
-
+        print(log_folder(asked.output, "recover", asked.name, asked.folder, found.metrics))
 
 
 if __name__ == "__main__":

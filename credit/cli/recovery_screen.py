@@ -74,7 +74,9 @@ def _effects(console: Console, found: LoggedCredit) -> None:
     if not len(effects):
         return
     main = effects[effects["model"] == found.models[-1]]
-    table = Table(box=box.SIMPLE, title=f"what actions were worth ({found.models[-1]}, {_level(found)})", title_justify="left")
+    table = Table(
+        box=box.SIMPLE, title=f"what actions were worth ({found.models[-1]}, {_level(found)})", title_justify="left"
+    )
     for name in ("action", "baseline", "per unit", "total", "note"):
         table.add_column(name, justify="left" if name in ("action", "note") else "right")
     for line in main.to_dict("records"):

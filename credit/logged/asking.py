@@ -47,7 +47,9 @@ class Ask:
             UserError: with all that is wrong.
         """
         known = [*(one.name for one in fields(Options)), "data", REFERENCE, "surrogates"]
-        problems = [f"{key}: there is no such key; {nearest(key, [*known, 'mixer'])}" for key in given if key not in known]
+        problems = [
+            f"{key}: there is no such key; {nearest(key, [*known, 'mixer'])}" for key in given if key not in known
+        ]
         options = {key: value for key, value in given.items() if key in {one.name for one in fields(Options)}}
         for key, value in options.items():
             if reason := signatures.refusal(signature(Options)[key][0], value):

@@ -15,11 +15,9 @@ import numpy as np
 from credit.core.errors import UserError
 from credit.logged import bases
 from credit.logged.compute import Rows
-from credit.logged.panel import Column, Floats
+from credit.logged.panel import INTERCEPT, Column, Floats
 from credit.logged.reading import levels
 from credit.logged.safety import BASES, called, column, features
-
-INTERCEPT = "Intercept"  # as formulaic has it
 
 
 @dataclass(frozen=True)

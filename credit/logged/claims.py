@@ -15,7 +15,7 @@ import numpy as np
 
 from credit.logged.linear import Fitting
 from credit.logged.models import windowed
-from credit.logged.panel import Column, Floats, Windows
+from credit.logged.panel import INTERCEPT, Column, Floats, Windows
 from credit.logged.recovering import Recovered
 from credit.logged.residuals import Layout, whiten
 from credit.logged.ridge import solutions
@@ -79,7 +79,7 @@ def placebo(found: Recovered) -> pd.DataFrame:
 
 def _intercept(found: Recovered) -> int | None:
     names = [found.models[0].terms.names[column] for column in found.told_columns]
-    return names.index("1") if "1" in names else None
+    return names.index(INTERCEPT) if INTERCEPT in names else None
 
 
 def labelled_share(found: Recovered) -> pd.DataFrame:

@@ -84,7 +84,9 @@ def alike(path: Path, columns: Sequence[Any], first: Path, others: Sequence[Any]
     if missing:
         raise UserError(f"{path}: there is no column {missing[0]!r}, which {first} has; files of a table are alike")
     if more:
-        raise UserError(f"{path}: there is a column {more[0]!r}, which {first} does not have; files of a table are alike")
+        raise UserError(
+            f"{path}: there is a column {more[0]!r}, which {first} does not have; files of a table are alike"
+        )
 
 
 def _frame(path: Path, how: Dialect) -> pd.DataFrame:

@@ -176,5 +176,7 @@ class Survey:
             some = some[~np.isnan(some)]
             at = np.quantile(some, np.linspace(0, 1, 21)) if len(some) else np.full(21, seen.mean)
             at[0], at[-1] = seen.least, seen.most
-            found[name] = Column(name, None, stock, seen.mean, seen.deviation, seen.least, seen.most, tuple(at.tolist()))
+            found[name] = Column(
+                name, None, stock, seen.mean, seen.deviation, seen.least, seen.most, tuple(at.tolist())
+            )
         return found

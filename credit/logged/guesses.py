@@ -191,7 +191,9 @@ def _unfounded(
     sample: Sample, names: Iterable[str], window: str | None, label: str | None, group: str | None
 ) -> tuple[str, str]:
     """What a name alone tells, to be checked on all rows later."""
-    likely = [name for name in names if named(name, WINDOW) is not None and _names_windows(sample, name) and name != label]
+    likely = [
+        name for name in names if named(name, WINDOW) is not None and _names_windows(sample, name) and name != label
+    ]
     likely = [name for name in likely if 1 < int(sample.codes(group, name).max()) + 1 < len(sample)]
     called = [name for name in names if named(name, LABEL) is not None and sample.kinds[name] == "number"]
     window = window or min(likely, key=lambda name: named(name, WINDOW) or 0, default=None)
@@ -245,7 +247,9 @@ def _unfit(sample: Sample, name: str, label: str | None, at: Ints) -> str | None
         if odd is not None:
             row = int((values == odd).to_numpy().argmax())
             where = f" (row {row} of those looked at)"
-            raise UserError(f"{sample.source}: {name} has {odd!r}{where} among other kinds of values; mend it, or leave it empty")
+            raise UserError(
+                f"{sample.source}: {name} has {odd!r}{where} among other kinds of values; mend it, or leave it empty"
+            )
         return f"it has {levels} different words (at most {LEVELS})" if levels > LEVELS else None
     some = np.asarray(values, dtype=np.float64)
     steps = np.unique(np.diff(some))

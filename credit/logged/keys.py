@@ -154,7 +154,9 @@ class Runs:
             _, time = np.unique(lists["time"][starts], return_inverse=True)
         return Windows(ids, group, groups, time.astype(np.int64), steps.astype(np.int64), low, key), rows
 
-    def _whole(self, key: NDArray[np.uint64], ids: NDArray[Any], group: Ints, groups: Sequence[Any], rows: Ints) -> None:
+    def _whole(
+        self, key: NDArray[np.uint64], ids: NDArray[Any], group: Ints, groups: Sequence[Any], rows: Ints
+    ) -> None:
         order = np.argsort(key, kind="stable")
         twice = np.flatnonzero(key[order][1:] == key[order][:-1])
         if not len(twice):
@@ -194,7 +196,9 @@ def hashed(ids: NDArray[Any], group: Ints, groups: Sequence[Any]) -> NDArray[np.
     found, names = pd.factorize(ids)
     windows = pd.util.hash_array(texts(np.asarray(names)), categorize=False)[found]
     series = pd.util.hash_array(texts(np.array(groups, dtype=object)), categorize=False)[group]
-    mixed = (windows ^ (series * np.uint64(0x9E3779B97F4A7C15) + (series >> np.uint64(29)))) * np.uint64(0xBF58476D1CE4E5B9)
+    mixed = (windows ^ (series * np.uint64(0x9E3779B97F4A7C15) + (series >> np.uint64(29)))) * np.uint64(
+        0xBF58476D1CE4E5B9
+    )
     return np.asarray(mixed ^ (mixed >> np.uint64(31)), dtype=np.uint64)
 
 
@@ -221,7 +225,9 @@ def joined(windows: Windows, table: pd.DataFrame, roles: Roles, source: str) -> 
     twice = np.flatnonzero(key[order][1:] == key[order][:-1])
     if len(twice):
         at = int(order[twice + 1].min())
-        raise UserError(f"{source}: {roles.window} {table[roles.window].iloc[at]} is there twice, again in row {at}; keep one")
+        raise UserError(
+            f"{source}: {roles.window} {table[roles.window].iloc[at]} is there twice, again in row {at}; keep one"
+        )
     if len(np.unique(mine)) < len(mine):
         raise UserError(
             f"{source}: there is no column {roles.group!r}, and several groups have windows of the same name; say whose each "

@@ -11,7 +11,7 @@ import numpy as np
 from credit.core.errors import UserError
 from credit.logged.folds import Folds
 from credit.logged.moments import Moments, moments
-from credit.logged.panel import Floats, Ints
+from credit.logged.panel import INTERCEPT, Floats, Ints
 from credit.logged.ridge import LAMBDAS, held_out, signed, solutions
 from credit.logged.units import Units
 
@@ -62,7 +62,7 @@ def selected(choices: Choices, chosen: Sequence[int] | Ints) -> Ints:
 
 def intercept_of(choices: Choices) -> int | None:
     """The column that is 1 in every row, where there is one."""
-    return next((number for number, name in enumerate(choices.names) if name == "1"), None)
+    return next((number for number, name in enumerate(choices.names) if name == INTERCEPT), None)
 
 
 @dataclass(frozen=True)

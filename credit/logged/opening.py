@@ -54,7 +54,9 @@ def opened(data: Any, given: Mapping[str, Any] | None = None, *, memory: int = M
     windows, first = runs.finished()
     said += _twins(source, [*dict.fromkeys([*numbered.columns, *features.needed])], runs.tied())
     if second is not None:
-        label, more = joined(windows, second, roles, f"data.labels ({words.labels})" if isinstance(words.labels, str) else "data.labels")
+        label, more = joined(
+            windows, second, roles, f"data.labels ({words.labels})" if isinstance(words.labels, str) else "data.labels"
+        )
         windows = replace(windows, label=label)
         said += more
     _check_labels(windows, first, roles, source.name)
@@ -133,7 +135,9 @@ def _check_labels(windows: Windows, first: Ints, roles: Roles, source: str) -> N
     if not len(known):
         raise UserError(f"{source}: {roles.label} is empty in all {len(windows)} windows; give labels to some")
     if len(known) == 1:
-        raise UserError(f"{source}: one of {len(windows)} windows has a label ({roles.label}); at least two must have one")
+        raise UserError(
+            f"{source}: one of {len(windows)} windows has a label ({roles.label}); at least two must have one"
+        )
     if (known == known[0]).all():
         raise UserError(
             f"{source}: {roles.label} is {known[0]:g} in all windows that have a label, and so nothing can explain it; name "
@@ -178,7 +182,11 @@ def _left(windows: Windows, steps: Ints, survey: Survey, missing: str) -> tuple[
         return windows.steps, windows, []
     counts = ", ".join(f"{name} {count}" for name, count in lacking.items())
     if missing == "mean":
-        return windows.steps, windows, [f"missing values are the column's mean, or its most frequent word (rows: {counts})"]
+        return (
+            windows.steps,
+            windows,
+            [f"missing values are the column's mean, or its most frequent word (rows: {counts})"],
+        )
     left = steps > 0
     gone = int((windows.steps - steps).sum())
     said = [f"{gone} rows with missing values ({counts}) are left out, and so they are not in their windows' sums"]

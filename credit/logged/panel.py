@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     import pandas as pd
 
+INTERCEPT = "Intercept"  # name of a design's column that is 1 in every row, as formulaic has it
 LabelIs = Literal["sum", "mean", "last", "binary"]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -176,7 +176,9 @@ def by_duckdb(source: ParquetSource, columns: Sequence[str], keys: Callable[...,
 
     schema = source._data.schema
     fields = [schema.field(column) for column in columns]
-    fields = [pa.field(item.name, item.type.value_type if pa.types.is_dictionary(item.type) else item.type) for item in fields]  # no dictionaries
+    fields = [
+        pa.field(item.name, item.type.value_type if pa.types.is_dictionary(item.type) else item.type) for item in fields
+    ]  # no dictionaries
     tail = [pa.field("__group", pa.int64()), pa.field("__time", pa.float64()), pa.field(ROW, pa.int64())]
     with place.writing(source.name), duckdb.connect() as connection:
         connection.execute(f"SET memory_limit = '{max(memory, 2**28) // 2**20}MiB'")
@@ -208,10 +210,14 @@ def _dataset(paths: Sequence[Path]) -> ds.Dataset:
             raise _damaged(str(path), error) from None
         missing = [name for name in schemas[0].names if name not in schemas[-1].names]
         if missing:
-            raise UserError(f"{path}: there is no column {missing[0]!r}, which {paths[0]} has; files of a table are alike")
+            raise UserError(
+                f"{path}: there is no column {missing[0]!r}, which {paths[0]} has; files of a table are alike"
+            )
     try:
         data = ds.dataset([str(path) for path in paths], format="parquet", partitioning="hive")
-        return data.replace_schema(pa.unify_schemas([*schemas, data.schema.remove_metadata()], promote_options="permissive"))
+        return data.replace_schema(
+            pa.unify_schemas([*schemas, data.schema.remove_metadata()], promote_options="permissive")
+        )
     except pa.ArrowException as error:
         raise UserError(f"{paths[0].parent}: {_clash(paths, schemas) or str(error).splitlines()[0]}") from None
 

@@ -11,13 +11,14 @@ from annotated_types import Interval
 
 from credit.core.errors import UserError
 from credit.core.ranges import NonNegativeInt, PositiveInt
+from credit.logged.autocorrelation import estimated_rho
 from credit.logged.folds import Folds, folds_of
 from credit.logged.linear import Fitting, LinearFit
 from credit.logged.models import Model, learned, windowed
 from credit.logged.moments import Moments
 from credit.logged.odds import Bits, require_bits
 from credit.logged.panel import Floats, Panel
-from credit.logged.residuals import Layout, estimated_rho, whiten
+from credit.logged.residuals import Layout, whiten
 from credit.logged.telling import Telling, remedied, told
 from credit.logged.units import Units, units_of
 
@@ -200,7 +201,7 @@ class _Numbers(_Fit):
         if self.options.rho is not None:
             return self.options.rho
         columns = fit.columns(self.models[0].terms)
-        return estimated_rho(self.designs[0][:, columns], y, layout)
+        return estimated_rho(self.designs[0][:, columns], y, layout).rho
 
     def _whitened(self, layout: Layout, y: Floats) -> tuple[list[Floats], Floats]:
         if self.rho == 0:

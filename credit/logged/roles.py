@@ -71,7 +71,9 @@ def settled(words: Words, sample: Sample, labels: pd.DataFrame | None) -> Settle
 
     made, calendar = _calendar(words, sample, clock, columns)
     used = {window, label, time, group, words.propensity, *words.cost.values()}
-    states, actions, more = _features(words, sample, [name for name in columns if name not in used], label, group, window)
+    states, actions, more = _features(
+        words, sample, [name for name in columns if name not in used], label, group, window
+    )
     states = (*states, *made)
     said += more
     kinds: dict[str, Kind] = {}
@@ -89,9 +91,13 @@ def settled(words: Words, sample: Sample, labels: pd.DataFrame | None) -> Settle
     label_is = words.label_is or _label_is(sample if labels is None else Sample(labels, source), label)
     if not words.label_is and label_is == "binary":
         said.append(f"{label} is 0 or 1, and so the sum over a window is taken as log-odds (data.label_is=binary)")
-    levels = [n for n in kinds if n not in words.stock and guesses.named(n, ("stock", "inventory", "level")) is not None]
+    levels = [
+        n for n in kinds if n not in words.stock and guesses.named(n, ("stock", "inventory", "level")) is not None
+    ]
     if levels:
-        said.append(f"{', '.join(levels)} may be a level, of which a window has a mean: say data.stock=[{', '.join(levels)}]")
+        said.append(
+            f"{', '.join(levels)} may be a level, of which a window has a mean: say data.stock=[{', '.join(levels)}]"
+        )
     roles = Roles(window, label, time, group, states, tuple(actions), words.stock, label_is, words.baseline, words.cost,
                   words.randomised, words.propensity)  # fmt: skip
     return Settled(roles, clock, kinds, made, calendar, tuple(said))
@@ -109,26 +115,32 @@ def _there(words: Words, columns: Sequence[str], source: str, labels: pd.DataFra
     for word, names in several.items():
         for name in names or ():
             if name not in columns:
-                raise UserError(f"{source}: data.{word} names {name!r}: there is no such column; {nearest(name, columns)}")
+                raise UserError(
+                    f"{source}: data.{word} names {name!r}: there is no such column; {nearest(name, columns)}"
+                )
     for name in words.features:
         if name == words.label:
-            raise UserError(f"{source}: {name} is the label, and among the features; a label explains itself: leave it out")
+            raise UserError(
+                f"{source}: {name} is the label, and among the features; a label explains itself: leave it out"
+            )
         if name == words.window:
             raise UserError(f"{source}: {name} says the window, and is among the features; leave it out of one")
     if words.window and words.window == words.label:
         raise UserError(f"{source}: data.window and data.label are both {words.window!r}; name another column")
 
 
-def _in_second(
-    words: Words, sample: Sample, labels: pd.DataFrame, group: str | None
-) -> tuple[str, str, str | None]:
+def _in_second(words: Words, sample: Sample, labels: pd.DataFrame, group: str | None) -> tuple[str, str, str | None]:
     """Window and label where labels are in a second table, and the group."""
     columns = [str(name) for name in labels.columns]
     common = [name for name in columns if name in sample.kinds]
     if words.window and words.window not in columns:
-        raise UserError(f"data.labels: there is no column {words.window!r} (data.window); {nearest(words.window, columns)}")
+        raise UserError(
+            f"data.labels: there is no column {words.window!r} (data.window); {nearest(words.window, columns)}"
+        )
     if words.label and words.label not in columns:
-        raise UserError(f"data.labels: there is no column {words.label!r} (data.label); {nearest(words.label, columns)}")
+        raise UserError(
+            f"data.labels: there is no column {words.label!r} (data.label); {nearest(words.label, columns)}"
+        )
     choice = [name for name in common if name not in (group, words.label)] or common
     window = words.window or min(choice, key=lambda name: guesses.named(name, guesses.WINDOW) or 99, default=None)
     if window is None:
@@ -143,7 +155,9 @@ def _in_second(
     rest = [name for name in rest if name not in sample.kinds] or rest
     called = [name for name in rest if guesses.named(name, guesses.LABEL) is not None] or rest
     if not words.label and len(called) != 1:
-        raise UserError(f"data.labels: which column is the label cannot be told ({', '.join(columns)}); say data.label=…")
+        raise UserError(
+            f"data.labels: which column is the label cannot be told ({', '.join(columns)}); say data.label=…"
+        )
     return window, words.label or called[0], group
 
 
@@ -154,7 +168,9 @@ def _guessed(words: Words, window: str, label: str, time: str | None, group: str
     if not words.label:
         said.append(f"data.label={label}: it has one value in each window")
     if words.time is None:
-        what = f"data.time={time}: it orders rows" if time else "rows are taken in the order in which they lie (data.time)"
+        what = (
+            f"data.time={time}: it orders rows" if time else "rows are taken in the order in which they lie (data.time)"
+        )
         said.append(what + (f" within each {group}" if time and group else ""))
     if words.group is None:
         said.append(f"data.group={group}: it tells series apart" if group else "all rows are one series (data.group)")
@@ -208,7 +224,9 @@ def _usable(name: str, sample: Sample, used: Mapping[str, str]) -> Kind:
             raise UserError(f"{sample.source}: {name} is {word}, and among the features; leave it out")
     what = sample.kinds[name]
     if what == "other":
-        raise UserError(f"{sample.source}: {name} holds neither numbers nor words; leave it out, or split it into columns")
+        raise UserError(
+            f"{sample.source}: {name} holds neither numbers nor words; leave it out, or split it into columns"
+        )
     if sample.dated(name):
         raise UserError(
             f"{sample.source}: {name} holds dates, which are no feature; say data.time={name} data.calendar=[weekday, month]"
@@ -242,7 +260,9 @@ def check_baseline(value: Any, name: str, levels: tuple[Any, ...] | None, source
         try:
             return float(value)
         except (TypeError, ValueError):
-            raise UserError(f"{source}: data.baseline of {name} is {value!r}; {name} is a number, and so must it be") from None
+            raise UserError(
+                f"{source}: data.baseline of {name} is {value!r}; {name} is a number, and so must it be"
+            ) from None
     found = next((level for level in levels if level == value or str(level) == str(value)), None)
     if found is None:
         raise UserError(f"{source}: data.baseline of {name} is {value!r}; {nearest(str(value), map(str, levels))}")

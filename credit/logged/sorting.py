@@ -67,7 +67,9 @@ def _ranks(source: Source, roles: Roles) -> dict[Any, int]:
         found, names = codes(frame[roles.group])
         if (found < 0).any():
             row = rows[int((found < 0).argmax())]
-            raise UserError(f"{source.name}: {roles.group} of row {row} is missing, and it says the row's group; fill it in")
+            raise UserError(
+                f"{source.name}: {roles.group} of row {row} is missing, and it says the row's group; fill it in"
+            )
         seen |= dict.fromkeys(names.tolist())
     try:
         names_in_order = sorted(seen)

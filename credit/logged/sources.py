@@ -48,7 +48,9 @@ class Source(ABC):
         import pandas as pd
 
         chunks = [*self.chunks(columns)]
-        return pd.concat([frame for frame, _ in chunks], ignore_index=True), np.concatenate([rows for _, rows in chunks])
+        return pd.concat([frame for frame, _ in chunks], ignore_index=True), np.concatenate(
+            [rows for _, rows in chunks]
+        )
 
     def bytes(self, columns: int) -> int:
         """About how much memory so many of its columns take."""

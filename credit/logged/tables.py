@@ -40,7 +40,9 @@ class Table(Panel):
         for frame, rows in _cut(self._source.chunks(needed, least), ends):
             first = last + 1
             last = int(np.searchsorted(ends, (ends[first - 1] if first else 0) + len(rows)))
-            part = self._part(frame, rows, np.repeat(np.arange(last - first + 1), self._lengths[first : last + 1]), window)
+            part = self._part(
+                frame, rows, np.repeat(np.arange(last - first + 1), self._lengths[first : last + 1]), window
+            )
             if not len(part):
                 continue
             window = int(part.window[-1]) + 1

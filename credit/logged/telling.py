@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from credit.logged.panel import Floats, Ints, Part
+from credit.logged.panel import INTERCEPT, Floats, Ints, Part
 
 ROUNDING = 1e-9  # of the largest eigenvalue of the design, its columns of length 1
 SMALL = 1e-6  # part of a column in a direction, that is none
@@ -82,7 +82,7 @@ def told(xx: Floats, names: Sequence[str]) -> Telling:
 
 def _inflation(xx: Floats, answered: np.ndarray, names: Sequence[str]) -> tuple[Floats, Ints]:
     """Variance inflation of columns, the intercept taken out of them, and of each the one that is most like it."""
-    if "1" in names and xx[(one := list(names).index("1"), one)] > 0:
+    if INTERCEPT in names and xx[(one := list(names).index(INTERCEPT), one)] > 0:
         xx = xx - np.outer(xx[:, one], xx[one]) / xx[one, one]
         answered = answered & (np.arange(len(names)) != one)
     own = np.flatnonzero(answered & (np.diag(xx) > 0))

@@ -38,7 +38,9 @@ class Folder:
             UserError: the place is taken by something that is no recovery.
         """
         if path.exists() and any(path.iterdir()) and not (path / DONE).exists():
-            raise UserError(f"{path}: there is something in it that is no recovery; choose another by name=… or output=…")
+            raise UserError(
+                f"{path}: there is something in it that is no recovery; choose another by name=… or output=…"
+            )
         beside = path.with_name(f".{path.name}.{os.getpid()}")
         shutil.rmtree(beside, ignore_errors=True)
         beside.mkdir(parents=True)

@@ -33,7 +33,7 @@ class Design:
 
 
 def design(size: int) -> Design:
-    return Design(["1", *(f"x{i}" for i in range(1, size))], np.arange(size))
+    return Design(["Intercept", *(f"x{i}" for i in range(1, size))], np.arange(size))
 
 
 def plain(x: np.ndarray, y: np.ndarray, w: np.ndarray) -> Moments:
@@ -109,7 +109,7 @@ def test_the_parameters_of_terms_are_those_that_predict_best() -> None:
     some = windows(3, 60)
     units = Units("blocks", some.time // 6, np.arange(10, dtype=np.uint64), 6, 0, 0, "")
     fitting = Fitting(folds_of(some, 5, 1), units, draws=5)
-    shape = Design([*"1234567"], np.array([0]), terms)
+    shape = Design(["Intercept", *"234567"], np.array([0]), terms)
     found = fitting.fit(shape, fitting.moments(x, y, y > -1e9))
     assert found.chosen.tolist() == [[1, 1]] * 6
     assert found.columns(shape).tolist() == [0, 2, 5, 6]
