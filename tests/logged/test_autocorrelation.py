@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from credit.core.errors import UserError
 from credit.logged.autocorrelation import Autocorrelation, estimated_rho, solved
 from credit.logged.panel import LabelIs
 from credit.logged.residuals import Layout, whiten
@@ -86,6 +87,12 @@ def test_bounds_are_kept_and_said() -> None:
     assert "at its bound" in at_zero.said
     assert found(*data, low=-0.9).rho < -0.3
     assert found(*data, low=0.4, high=0.4).rho == 0.4
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.5, 0.4), (-1.0, 0.5), (0.0, 1.0), (np.nan, 0.5)])
+def test_bounds_that_are_none_are_refused(low: float, high: float) -> None:
+    with pytest.raises(UserError, match="low ≤ high"):
+        found(*series(0.5, 10, seed=3), low=low, high=high)
 
 
 def test_a_penalty_holds_back_and_counts() -> None:

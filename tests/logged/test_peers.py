@@ -2,8 +2,8 @@
 
 What differs was looked at, too (tempdisagg 0.2.13, aggdisagg 1.11.0), so that nobody compares with it by mistake.
 
-tempdisagg: one indicator, no intercept; windows of other lengths are filled up with made rows, missing labels by
-interpolation; `chow-lin-opt` takes σ² to be 1, so that its ρ depends on the unit of labels; `litterman` is an AR(1) that
+tempdisagg: one indicator and no intercept; windows of other lengths are filled up with made rows, missing labels are
+interpolated; `chow-lin-opt` takes σ² to be 1, so that its ρ depends on the unit of labels; `litterman` is an AR(1) that
 begins at 0, `denton` is Fernández, ρ above .99 is .99.
 
 aggdisagg: indicators are of windows, not of steps; the last month has 30 days; 1e-8 is added to the diagonal of V; a
