@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from credit.core.errors import UserError
 from credit.logged.panel import Floats
 from credit.logged.residual_loops import products, squares
 from credit.logged.residuals import Layout, whiten
@@ -60,7 +61,12 @@ def estimated_rho(
         design: windows' features, as labels are (sums, means or the last row) [W, d]; d may be 0. label: Y [W].
         layout: how windows lie. penalty: what is added to XᵀV⁻¹X [d, d]; then σ² has θᵀ penalty θ, too.
         low, high: between what ρ is looked for. criterion: what is best.
+
+    Raises:
+        UserError: bounds that are none.
     """
+    if not -1 < low <= high < 1:
+        raise UserError(f"rho: it cannot lie between {low} and {high}; allowed: −1 < low ≤ high < 1")
     profile = _Profile(np.concatenate([design, label[:, None]], axis=1), layout, penalty, criterion)
     start = profile(min(max(0.0, low), high))
     if profile.silent or start.cost <= NOTHING**2 * start.size:
