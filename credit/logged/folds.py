@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from credit.logged.moments import Moments, stacked
 from credit.logged.panel import Floats, Ints, Windows
 
 
@@ -26,6 +27,10 @@ class Folds:
     def fold(self) -> Ints:
         """Which fold tests a window [W]."""
         return self.piece // 3
+
+    def apart(self, pieces: Moments) -> tuple[Moments, Moments]:
+        """Moments of pieces [3K, ...] as what each fold is fitted to, and what it is tested on [K, ...]."""
+        return tuple(stacked([pieces[which].sum(0) for which in side]) for side in zip(*self.of, strict=True))[::-1]
 
     @property
     def pieces(self) -> int:

@@ -116,7 +116,7 @@ class Fitting:
         fits = pieces.yy.shape[1]
         chosen = np.zeros((fits, len(choices.choices)), dtype=np.int64)
         theta, penalty, first = np.zeros((fits, pieces.xy.shape[-1])), np.zeros(fits), 0.0
-        if choices.choices:
+        if choices.choices and len(self.folds.of) > 1:
             begin = list(start) if start is not None else [0] * len(choices.choices)
             for fit in range(fits):
                 sweeps = SWEEPS if fit == 0 else 1
@@ -127,7 +127,7 @@ class Fitting:
             columns = selected(choices, choice)
             inside = _place(columns, free)
             part = pieces[:, own].of(columns)
-            errors = held_out(part, self.folds.of, penalties, inside) if len(self.folds.of) > 1 else None
+            errors = held_out(*self.folds.apart(part), penalties, inside) if len(self.folds.of) > 1 else None
             plain = len(penalties) // 2 if regularization is None else 0  # there is nothing to try it on
             best = np.full(len(own), plain) if errors is None else np.asarray(errors).argmin(-1)
             penalty[own] = penalties[best]
@@ -158,16 +158,28 @@ class Fitting:
     def _choose(
         self, choices: Choices, pieces: Moments, penalties: Floats, free: int | None, begin: list[int], sweeps: int
     ) -> list[int]:
-        """The candidate of each term, one term after the other, that predicts labels best which were held out."""
+        """The candidate of each term, one term after the other, that predicts labels best which were held out: with the
+        λ that is best for the candidates so far."""
+        fitted, tested = self.folds.apart(pieces)
+
+        def errors(columns: Ints, penalties: Floats) -> Floats:
+            return held_out(fitted.of(columns), tested.of(columns), penalties, _place(columns, free))
+
         chosen, before = list(begin), list[int]()
         for _ in range(sweeps):
+            penalty = penalties
+            if len(penalties) > 1:
+                penalty = penalties[[int(errors(selected(choices, chosen), penalties).argmin())]]
             for term, one in enumerate(choices.choices):
-                costs = []
-                for number in range(len(one.columns)):
-                    columns = selected(choices, [*chosen[:term], number, *chosen[term + 1 :]])
-                    part = pieces.of(columns)
-                    costs.append(held_out(part, self.folds.of, penalties, _place(columns, free)).min())
-                chosen[term] = int(np.argmin(costs))
+                offered = [
+                    selected(choices, [*chosen[:term], number, *chosen[term + 1 :]])
+                    for number in range(len(one.columns))
+                ]
+                if len({(len(columns), _place(columns, free)) for columns in offered}) == 1:
+                    costs = errors(np.stack(offered), penalty)[:, 0]
+                else:
+                    costs = np.array([errors(columns, penalty)[0] for columns in offered])
+                chosen[term] = int(costs.argmin())
             if chosen == before:
                 break
             before = list(chosen)
@@ -187,5 +199,5 @@ def _solved(
 
 def _place(columns: Ints, free: int | None) -> int | None:
     """Where the intercept is among some columns."""
-    places = [] if free is None else np.flatnonzero(columns == free).tolist()
+    places = [] if free is None else np.flatnonzero(np.atleast_2d(columns)[0] == free).tolist()
     return places[0] if places else None

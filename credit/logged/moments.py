@@ -5,7 +5,7 @@ Moments of disjoint sets of windows add up, so that parts, shards and folds are 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -45,13 +45,22 @@ class Moments:
         return Moments(self.xx.sum(axis), self.xy.sum(axis), self.yy.sum(axis), self.weight.sum(axis))
 
     def of(self, columns: Ints) -> Moments:
-        """With some columns of the design alone."""
-        return Moments(self.xx[..., columns[:, None], columns], self.xy[..., columns], self.yy, self.weight)
+        """With some columns of the design alone [d]; or with several choices of as many [C, d], which come last."""
+        if columns.ndim == 1:
+            return Moments(self.xx[..., columns[:, None], columns], self.xy[..., columns], self.yy, self.weight)
+        xx = self.xx[..., columns[:, :, None], columns[:, None, :]]
+        return Moments(xx, self.xy[..., columns], self.yy[..., None], self.weight[..., None])
 
     def cost(self, theta: Floats) -> Floats:
         """Σ w (Y − xᵀθ)² [..., L] of coefficients [..., L, d]."""
         square = ((theta @ self.xx) * theta).sum(-1)
         return self.yy[..., None] - 2 * (theta @ self.xy[..., None])[..., 0] + square
+
+
+def stacked(several: Sequence[Moments]) -> Moments:
+    """Of several sets, side by side."""
+    parts = [[getattr(one, name) for one in several] for name in ("xx", "xy", "yy", "weight")]
+    return Moments(*(np.stack(part) for part in parts))
 
 
 def moments(

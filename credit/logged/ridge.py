@@ -26,8 +26,8 @@ def solutions(moments: Moments, penalties: Floats, free: int | None) -> Floats:
     own = np.delete(np.arange(moments.xy.shape[-1]), [] if free is None else [free])
     xx, xy = moments.xx[..., own[:, None], own], moments.xy[..., own]
     if free is not None:
-        with np.errstate(invalid="ignore", divide="ignore"):
-            inverse = np.where(moments.xx[..., free, free] > 0, 1 / moments.xx[..., free, free], 0.0)
+        square = moments.xx[..., free, free]
+        inverse = np.where(square > 0, 1 / np.where(square > 0, square, 1), 0.0)
         along = moments.xx[..., own, free] * inverse[..., None]
         xx = xx - along[..., :, None] * moments.xx[..., free, own][..., None, :]
         xy = xy - along * moments.xy[..., free][..., None]
@@ -38,33 +38,40 @@ def solutions(moments: Moments, penalties: Floats, free: int | None) -> Floats:
     safe = np.where(scale > 0, scale, 1)
     live = (scale > 0).astype(float)
     xx = xx / (safe[..., :, None] * safe[..., None, :]) * live[..., :, None] * live[..., None, :]
+    penalties = np.asarray(penalties, dtype=np.float64)
+    if penalties.shape[-1] == 1 and (penalties > 0).all():  # one λ: no path is needed, and this is many times faster
+        held = xx + penalties[..., None] * np.eye(len(own))
+        along_own = np.linalg.solve(held, (xy / safe * live)[..., None])[..., 0]
+        return _whole(along_own[..., None, :] / safe[..., None, :], moments, own, free)
     values, vectors = np.linalg.eigh(xx)
     values = np.maximum(values, 0)
     told = values > ROUNDING * np.maximum(values[..., -1:], 1e-300)
     along_own = np.where(told, (vectors.swapaxes(-1, -2) @ (xy / safe * live)[..., None])[..., 0], 0.0)
-    held = values[..., None, :] + np.asarray(penalties)[..., :, None]
+    held = values[..., None, :] + penalties[..., :, None]
     shrunk = along_own[..., None, :] / np.where(told[..., None, :], held, 1.0)
-    inner = (shrunk @ vectors.swapaxes(-1, -2)) / safe[..., None, :]
+    return _whole((shrunk @ vectors.swapaxes(-1, -2)) / safe[..., None, :], moments, own, free)
+
+
+def _whole(inner: Floats, moments: Moments, own: Ints, free: int | None) -> Floats:
+    """θ [..., L, d] of its penalised part [..., L, d − 1]: the intercept follows from it."""
     theta = np.zeros((*inner.shape[:-1], moments.xy.shape[-1]))
     theta[..., own] = inner
     if free is not None:
+        square = moments.xx[..., free, free]
         rest = (inner * moments.xx[..., free, own][..., None, :]).sum(-1)
-        theta[..., free] = (moments.xy[..., free][..., None] - rest) * inverse[..., None]
+        left = moments.xy[..., free][..., None] - rest
+        theta[..., free] = np.where(square > 0, 1, 0)[..., None] * left / np.where(square > 0, square, 1)[..., None]
     return theta
 
 
-def held_out(pieces: Moments, folds: list[tuple[Ints, Ints]], penalties: Floats, free: int | None) -> Floats:
+def held_out(fitted: Moments, tested: Moments, penalties: Floats, free: int | None) -> Floats:
     """Σ over folds of the squared error with which labels are predicted that a fit has not seen [..., L].
 
     Args:
-        pieces: moments of pieces of the windows [pieces, ...]. folds: for each the pieces that it is tested on, and
-            those that are fitted. penalties: λ [L]. free: as for `solutions`.
+        fitted, tested: of each fold what it is fitted to, and what it is tested on [K, ...]. penalties: λ [L]. free: as
+            for `solutions`.
     """
-    total: Floats = np.zeros(1)
-    for tested, fitted in folds:
-        theta = solutions(pieces[fitted].sum(0), penalties, free)
-        total = total + pieces[tested].sum(0).cost(theta)
-    return total
+    return tested.cost(solutions(fitted, penalties, free)).sum(0)
 
 
 def signed(moments: Moments, penalty: float, free: int | None, signs: Ints) -> Floats:
