@@ -80,9 +80,8 @@ class Factor:
                 self._require_finite(values[:, 0], rows, self.tree)
 
     def _require_finite(self, values: Floats, rows: Rows, tree: ast.expr) -> None:
-        with np.errstate(all="ignore"):
-            if np.isfinite(values.sum()) or np.isfinite(values).all():
-                return
+        if np.isfinite(values.sum()) or np.isfinite(values).all():
+            return
         row = int(np.argmin(np.isfinite(values)))
         given = [f"{name} is {rows.feature(name)[row]:g}" for name in features(tree)]
         raise UserError(
@@ -120,6 +119,7 @@ class Block:
         """How many columns it has."""
         return prod(len(one.names) for one in self.factors)
 
+    @np.errstate(all="ignore")  # what is no number is said, with its row
     def fill(self, rows: Rows, values: Floats) -> None:
         """Its columns [n, k].
 

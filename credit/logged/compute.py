@@ -66,8 +66,7 @@ class Source(ABC):
             case ast.Constant(value=value):
                 return np.float64(value)  # type: ignore[return-value, arg-type]
             case ast.BinOp(left=left, op=op, right=right):
-                with np.errstate(all="ignore"):
-                    return OPERATORS[type(op)](self.values(left), self.values(right))
+                return OPERATORS[type(op)](self.values(left), self.values(right))
             case ast.UnaryOp(op=ast.USub(), operand=operand):
                 return -self.values(operand)
             case ast.UnaryOp(operand=operand):
@@ -80,8 +79,7 @@ class Source(ABC):
         name, inner = called(tree), self.values(tree.args[0])
         if name in FUNCTIONS:
             assert name is not None
-            with np.errstate(all="ignore"):
-                return FUNCTIONS[name](inner)
+            return FUNCTIONS[name](inner)
         if name in CARRIED:
             return self.carried(tree, inner)
         if name in LEARNED:

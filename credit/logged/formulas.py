@@ -126,14 +126,17 @@ class Terms:
             UserError: no value of a category; a row in which a term is no number.
         """
         known = self.columns[column].levels
-        value = float(value) if known is None else known[code(column, value, known)]
+        try:
+            value = float(value) if known is None else known[code(column, value, known)]
+        except (TypeError, ValueError) as error:
+            said = str(error) if isinstance(error, UserError) else f"{value!r} is no number, and {column} is one"
+            raise UserError(said) from None
         return self._design(Rows(part, self.columns, self.learned, state, {column: value}), columns)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain lists, texts and numbers, from which `from_dict` makes these terms."""
-        used = {name for block in self.blocks for name in block.features}
-        kept = [asdict(one) for name, one in self.columns.items() if name in used or self.formula is None]
-        return {"formula": self.formula, "columns": _plain(kept), "learned": _plain(self.learned)}
+        columns = [asdict(one) for one in self.columns.values()]  # all: a text may name what it takes away
+        return {"formula": self.formula, "columns": _plain(columns), "learned": _plain(self.learned)}
 
     @classmethod
     def from_dict(cls, saved: Mapping[str, Any]) -> Terms:

@@ -113,7 +113,8 @@ def _default(tree: ast.expr, inner: ast.expr, at: int, columns: Mapping[str, Col
             return ast.Constant(LAGS[at])
         case "adstock":
             return ast.Constant(DECAYS[at])
-    values = np.atleast_1d(Quantiles(columns, exact=False).values(inner))
+    with np.errstate(all="ignore"):  # what is not finite is left out
+        values = np.atleast_1d(Quantiles(columns, exact=False).values(inner))
     above = values[np.isfinite(values) & (values > 0)]
     if not len(above):
         raise UserError(

@@ -33,6 +33,7 @@ def needs_rows(tree: ast.Call) -> bool:
     )
 
 
+@np.errstate(all="ignore")  # what is not finite is said
 def from_columns(trees: Iterable[ast.expr], columns: Mapping[str, Column]) -> dict[str, Learned]:
     """What the columns tell: of each call of a function of one column, its text → what is fixed.
 
@@ -60,6 +61,7 @@ def from_columns(trees: Iterable[ast.expr], columns: Mapping[str, Column]) -> di
     return learned
 
 
+@np.errstate(all="ignore")  # what is not finite is said
 def from_rows(trees: Iterable[ast.expr], source: Source) -> None:
     """Learn the others from rows, into what the source has learned.
 

@@ -184,12 +184,10 @@ class _Shown:
     def _arguments(self, node: ast.Call, name: str) -> list[ast.expr | None]:
         names = ["x", *(one.name for one in PARAMETERS[name])]
         found = dict(zip(names, node.args, strict=False))
-        for keyword in node.keywords:
-            if keyword.arg not in names[1:] or keyword.arg in found:
-                raise self._refused(
-                    keyword.value, f"is given as {keyword.arg}, and {SIGNATURES[name]} is what there is"
-                )
-            found[keyword.arg] = keyword.value
+        for given in node.keywords:
+            if given.arg not in names[1:] or given.arg in found:
+                raise self._refused(given.value, f"is given as {given.arg}, and {SIGNATURES[name]} is what there is")
+            found[given.arg] = given.value
         if len(node.args) > len(names) or "x" not in found or any(isinstance(one, ast.Starred) for one in node.args):
             raise self._refused(node, f"is to be {SIGNATURES[name]}")
         if missing := [one.name for one in PARAMETERS[name] if one.needed and one.name not in found]:

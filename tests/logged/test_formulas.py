@@ -150,6 +150,8 @@ def test_replaced_is_the_design_of_a_table_in_which_it_was_so(cuts: tuple[int, .
         np.testing.assert_array_equal(values[:, same], terms.design(each, own)[:, same])
     with pytest.raises(UserError, match=r"'z' is no value of region; \(valid: a, b, c\)"):
         terms.replaced(part(TABLE), {}, "region", "z")
+    with pytest.raises(UserError, match="'much' is no number, and tv is one"):
+        terms.replaced(part(TABLE), {}, "tv", "much")
 
 
 def test_some_columns_are_those_of_the_whole() -> None:
@@ -207,7 +209,11 @@ def test_the_same_free_call_is_one_parameter() -> None:
 
 
 def test_what_is_saved_comes_back() -> None:
-    for formula in (None, "bs(price, 4)*region + saturate(adstock(tv)) + bs(adstock(tv, .5), 4) + . + C(open)"):
+    for formula in (
+        None,
+        "tv - price - region",
+        "bs(price, 4)*region + saturate(adstock(tv)) + bs(adstock(tv, .5), 4) + . + C(open)",
+    ):
         terms = of(formula, stock=("day",)).learn(part(TABLE))
         saved = json.loads(json.dumps(terms.to_dict()))
         for again in (Terms.from_dict(saved), pickle.loads(pickle.dumps(terms))):
