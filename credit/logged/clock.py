@@ -91,8 +91,8 @@ class Clock:
         what = "missing" if values.isna().iloc[at] else f"{str(value)!r}"
         said = {"number": "a number", "period": "like 2024-W05"}.get(self.kind, "a date such as 2024-01-31")
         raise UserError(
-            f"{source}: {self.column} of row {rows[at]} is {what}, and it is the time of its row, here {said}; mend it, "
-            "or name another column by data.time"
+            f"{source}: {self.column} of row {rows[at]} is {what}, and it is the time of its row, here {said}; mend "
+            "it, or name another column by data.time"
         )
 
 

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from credit.core.errors import UserError, nearest
-from credit.logged import guesses
+from credit.logged import choosing, guesses
 from credit.logged.clock import CALENDAR, Clock
 from credit.logged.columns import Kind
 from credit.logged.guesses import Sample
 from credit.logged.panel import LabelIs, Roles
+from credit.logged.second import in_second
 from credit.logged.words import Words
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ class Settled:
 
     Attributes:
         roles: of each. clock: how the column of time says it, None where rows lie in order. kinds: of each feature.
-        dates: feature → what of a date it is. calendar: how the column of these dates says them. said: what was guessed.
+        dates: feature → what of a date it is. calendar: how their column says them. said: what was guessed.
     """
 
     roles: Roles
@@ -54,13 +55,13 @@ def settled(words: Words, sample: Sample, labels: pd.DataFrame | None) -> Settle
 
     time, group = guesses.series(sample, free, words.time, words.group)
     if labels is not None:
-        window, label, group = _in_second(words, sample, labels, group)
+        window, label, group = in_second(words, sample, labels, group)
     else:
         choice = [name for name in columns if name not in {words.propensity, *words.cost.values(), *words.features}]
         window, label = guesses.windows(sample, choice, words.window, words.label, time, group)
     if group == window and words.group is None:  # a window that is its own series has nothing to carry on
         group = None
-        if time and not words.time and not guesses._rises(sample, time, None):
+        if time and not words.time and not guesses.rises(sample, time, None):
             time = None
     if time == window and not words.time:
         time = None
@@ -71,7 +72,9 @@ def settled(words: Words, sample: Sample, labels: pd.DataFrame | None) -> Settle
 
     made, calendar = _calendar(words, sample, clock, columns)
     used = {window, label, time, group, words.propensity, *words.cost.values()}
-    states, actions, more = _features(words, sample, [name for name in columns if name not in used], label, group, window)
+    states, actions, more = _features(
+        words, sample, [name for name in columns if name not in used], label, group, window
+    )
     states = (*states, *made)
     said += more
     kinds: dict[str, Kind] = {}
@@ -89,9 +92,13 @@ def settled(words: Words, sample: Sample, labels: pd.DataFrame | None) -> Settle
     label_is = words.label_is or _label_is(sample if labels is None else Sample(labels, source), label)
     if not words.label_is and label_is == "binary":
         said.append(f"{label} is 0 or 1, and so the sum over a window is taken as log-odds (data.label_is=binary)")
-    levels = [n for n in kinds if n not in words.stock and guesses.named(n, ("stock", "inventory", "level")) is not None]
+    levels = [
+        n for n in kinds if n not in words.stock and guesses.named(n, ("stock", "inventory", "level")) is not None
+    ]
     if levels:
-        said.append(f"{', '.join(levels)} may be a level, of which a window has a mean: say data.stock=[{', '.join(levels)}]")
+        said.append(
+            f"{', '.join(levels)} may be a level, of which a window has a mean: say data.stock=[{', '.join(levels)}]"
+        )
     roles = Roles(window, label, time, group, states, tuple(actions), words.stock, label_is, words.baseline, words.cost,
                   words.randomised, words.propensity)  # fmt: skip
     return Settled(roles, clock, kinds, made, calendar, tuple(said))
@@ -109,42 +116,18 @@ def _there(words: Words, columns: Sequence[str], source: str, labels: pd.DataFra
     for word, names in several.items():
         for name in names or ():
             if name not in columns:
-                raise UserError(f"{source}: data.{word} names {name!r}: there is no such column; {nearest(name, columns)}")
+                raise UserError(
+                    f"{source}: data.{word} names {name!r}: there is no such column; {nearest(name, columns)}"
+                )
     for name in words.features:
         if name == words.label:
-            raise UserError(f"{source}: {name} is the label, and among the features; a label explains itself: leave it out")
+            raise UserError(
+                f"{source}: {name} is the label, and among the features; a label explains itself: leave it out"
+            )
         if name == words.window:
             raise UserError(f"{source}: {name} says the window, and is among the features; leave it out of one")
     if words.window and words.window == words.label:
         raise UserError(f"{source}: data.window and data.label are both {words.window!r}; name another column")
-
-
-def _in_second(
-    words: Words, sample: Sample, labels: pd.DataFrame, group: str | None
-) -> tuple[str, str, str | None]:
-    """Window and label where labels are in a second table, and the group."""
-    columns = [str(name) for name in labels.columns]
-    common = [name for name in columns if name in sample.kinds]
-    if words.window and words.window not in columns:
-        raise UserError(f"data.labels: there is no column {words.window!r} (data.window); {nearest(words.window, columns)}")
-    if words.label and words.label not in columns:
-        raise UserError(f"data.labels: there is no column {words.label!r} (data.label); {nearest(words.label, columns)}")
-    choice = [name for name in common if name not in (group, words.label)] or common
-    window = words.window or min(choice, key=lambda name: guesses.named(name, guesses.WINDOW) or 99, default=None)
-    if window is None:
-        raise UserError(
-            f"data.labels has the columns {', '.join(columns)}, and none is in {sample.source}; both need the window's"
-        )
-    second = Sample(labels, "data.labels")
-    if group is None and words.group is None:  # what else the tables share tells windows of the same name apart
-        group = next((name for name in common if name not in (window, words.label) and second.levels(name) > 1
-                      and sample.kinds[name] == "category"), None)  # fmt: skip
-    rest = [name for name in columns if name not in (window, group) and second.kinds[name] == "number"]
-    rest = [name for name in rest if name not in sample.kinds] or rest
-    called = [name for name in rest if guesses.named(name, guesses.LABEL) is not None] or rest
-    if not words.label and len(called) != 1:
-        raise UserError(f"data.labels: which column is the label cannot be told ({', '.join(columns)}); say data.label=…")
-    return window, words.label or called[0], group
 
 
 def _guessed(words: Words, window: str, label: str, time: str | None, group: str | None) -> list[str]:
@@ -154,7 +137,9 @@ def _guessed(words: Words, window: str, label: str, time: str | None, group: str
     if not words.label:
         said.append(f"data.label={label}: it has one value in each window")
     if words.time is None:
-        what = f"data.time={time}: it orders rows" if time else "rows are taken in the order in which they lie (data.time)"
+        what = (
+            f"data.time={time}: it orders rows" if time else "rows are taken in the order in which they lie (data.time)"
+        )
         said.append(what + (f" within each {group}" if time and group else ""))
     if words.group is None:
         said.append(f"data.group={group}: it tells series apart" if group else "all rows are one series (data.group)")
@@ -182,7 +167,7 @@ def _features(
     if words.states is not None and words.actions is not None:
         return words.states, words.actions, []
     rest = [name for name in rest if name not in words.features]
-    fit, said = guesses.features(sample, rest, label, sample.codes(group, window))
+    fit, said = choosing.features(sample, rest, label)
     if words.actions is not None:
         said.append(f"data.states=[{', '.join(fit)}]: all that is not among the actions (data.states=[] for none)")
         return tuple(fit), words.actions, said
@@ -191,7 +176,7 @@ def _features(
         return words.states, tuple(fit), said
     if not fit:
         raise UserError(f"{sample.source}: no column is left to be a state or an action; say data.actions=[…]")
-    actions, why = guesses.actions(sample, fit)
+    actions, why = choosing.actions(sample, fit)
     states = [name for name in fit if name not in actions]
     said.append(f"data.actions=[{', '.join(actions)}] data.states=[{', '.join(states)}]: {why}")
     return tuple(states), tuple(actions), said
@@ -208,10 +193,13 @@ def _usable(name: str, sample: Sample, used: Mapping[str, str]) -> Kind:
             raise UserError(f"{sample.source}: {name} is {word}, and among the features; leave it out")
     what = sample.kinds[name]
     if what == "other":
-        raise UserError(f"{sample.source}: {name} holds neither numbers nor words; leave it out, or split it into columns")
+        raise UserError(
+            f"{sample.source}: {name} holds neither numbers nor words; leave it out, or split it into columns"
+        )
     if sample.dated(name):
         raise UserError(
-            f"{sample.source}: {name} holds dates, which are no feature; say data.time={name} data.calendar=[weekday, month]"
+            f"{sample.source}: {name} holds dates, which are no feature; say data.time={name} "
+            "data.calendar=[weekday, month]"
         )
     return "number" if what == "empty" else what
 
@@ -242,7 +230,9 @@ def check_baseline(value: Any, name: str, levels: tuple[Any, ...] | None, source
         try:
             return float(value)
         except (TypeError, ValueError):
-            raise UserError(f"{source}: data.baseline of {name} is {value!r}; {name} is a number, and so must it be") from None
+            raise UserError(
+                f"{source}: data.baseline of {name} is {value!r}; {name} is a number, and so must it be"
+            ) from None
     found = next((level for level in levels if level == value or str(level) == str(value)), None)
     if found is None:
         raise UserError(f"{source}: data.baseline of {name} is {value!r}; {nearest(str(value), map(str, levels))}")

@@ -47,9 +47,9 @@ def in_order(source: Source, columns: Sequence[str], roles: Roles, clock: Clock 
             return by_duckdb(source, columns, keys, memory)
         except ImportError:
             if size > 4 * memory:
-                order = " and ".join(name for name in (roles.group, roles.time) if name)
+                named = " and ".join(name for name in (roles.group, roles.time) if name)
                 raise UserError(
-                    f"{source.name}: {source.rows} rows are not in the order of {order}, and too many to be sorted in "
+                    f"{source.name}: {source.rows} rows are not in the order of {named}, and too many to be sorted in "
                     "memory; pip install 'credit-rl[duckdb]', or sort the files"
                 ) from None
     frame, rows = source.whole(columns)
@@ -67,7 +67,9 @@ def _ranks(source: Source, roles: Roles) -> dict[Any, int]:
         found, names = codes(frame[roles.group])
         if (found < 0).any():
             row = rows[int((found < 0).argmax())]
-            raise UserError(f"{source.name}: {roles.group} of row {row} is missing, and it says the row's group; fill it in")
+            raise UserError(
+                f"{source.name}: {roles.group} of row {row} is missing, and it says the row's group; fill it in"
+            )
         seen |= dict.fromkeys(names.tolist())
     try:
         names_in_order = sorted(seen)

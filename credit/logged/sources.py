@@ -36,8 +36,8 @@ class Source(ABC):
     said: tuple[str, ...] = ()
 
     @abstractmethod
-    def chunks(self, columns: Sequence[str], least: int = CHUNK) -> Iterator[tuple[pd.DataFrame, Ints]]:
-        """Rows in order, some of the columns, with the rows' numbers in what was given."""
+    def chunks(self, columns: Sequence[str], least: int | None = None) -> Iterator[tuple[pd.DataFrame, Ints]]:
+        """Rows in order, some of the columns, with the rows' numbers in what was given; `CHUNK` or so many at once."""
 
     @abstractmethod
     def sample(self) -> pd.DataFrame:
@@ -48,7 +48,9 @@ class Source(ABC):
         import pandas as pd
 
         chunks = [*self.chunks(columns)]
-        return pd.concat([frame for frame, _ in chunks], ignore_index=True), np.concatenate([rows for _, rows in chunks])
+        return pd.concat([frame for frame, _ in chunks], ignore_index=True), np.concatenate(
+            [rows for _, rows in chunks]
+        )
 
     def bytes(self, columns: int) -> int:
         """About how much memory so many of its columns take."""
@@ -73,9 +75,9 @@ class FrameSource(Source):
         self.name, self.columns, self.rows, self.said = name, tuple(columns), len(frame), said
         self.numbers = np.arange(len(frame)) if rows is None else rows
 
-    def chunks(self, columns: Sequence[str], least: int = CHUNK) -> Iterator[tuple[pd.DataFrame, Ints]]:
+    def chunks(self, columns: Sequence[str], least: int | None = None) -> Iterator[tuple[pd.DataFrame, Ints]]:
         """Slices of it."""
-        frame = self.frame[[*columns]]
+        frame, least = self.frame[[*columns]], least or CHUNK
         for first in range(0, len(frame), least):
             yield (
                 frame.iloc[first : first + least].reset_index(drop=True),
