@@ -26,7 +26,7 @@ def kind(values: pd.Series[Any]) -> Kind:
         return "category"
     if not len(values.dropna()):
         return "empty"
-    if values.dtype.kind == "M":
+    if values.dtype.kind == "M" or isinstance(values.dtype, pd.PeriodDtype):
         return "date"
     if values.dtype.kind in "iufb":
         return "number"

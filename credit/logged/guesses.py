@@ -52,6 +52,10 @@ class Sample:
         for name in names:
             if name is None:
                 continue
+            if self.kinds[name] == "other":
+                raise UserError(
+                    f"{self.source}: {name} holds neither numbers nor words, and so it cannot tell rows apart"
+                )
             if name not in self._codes:
                 self._codes[name] = codes(self.frame[name])[0] + 1
             mixed = found * (int(self._codes[name].max()) + 1) + self._codes[name]

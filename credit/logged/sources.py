@@ -111,7 +111,8 @@ def located(data: Any, memory: int = MEMORY) -> Source:
     if hasattr(data, "iloc") and hasattr(data, "columns"):
         if not len(data):
             raise UserError("the frame has no rows; give one row a step")
-        return FrameSource(data, "the frame")
+        unnamed = any(name is None or name in data.columns for name in data.index.names)
+        return FrameSource(data if unnamed else data.reset_index(), "the frame")
     paths = files(data)
     name = str(paths[0]) if len(paths) == 1 else f"{paths[0].parent} ({len(paths)} files)"
     for path in paths:

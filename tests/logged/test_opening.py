@@ -212,6 +212,29 @@ def test_dates_become_what_is_named() -> None:
     assert part.frame.weekend.tolist() == (frame.day.dt.weekday >= 5).astype(float).tolist()
 
 
+def test_an_index_with_names_is_columns() -> None:
+    frame = marketing()
+    same(opened(frame.set_index(["region", "day"]), ROLES), opened(frame, ROLES))
+
+
+TYPES: dict[str, Any] = {
+    "nullable": lambda f: f.convert_dtypes(),
+    "of arrow": lambda f: f.convert_dtypes(dtype_backend="pyarrow"),
+    "in a time zone": lambda f: f.assign(day=f.day.dt.tz_localize("Europe/Berlin")),
+    "of python": lambda f: f.assign(day=f.day.dt.date),
+    "periods": lambda f: f.assign(day=f.day.dt.to_period("D")),
+    "text": lambda f: f.assign(day=f.day.dt.strftime("%d.%m.%Y")),
+    "categories": lambda f: f.astype({"region": "category", "week": "category", "sky": "category"}),
+    "fractions": lambda f: f.assign(week=f.week.astype(float)),
+}
+
+
+@pytest.mark.parametrize("name", TYPES)
+def test_types_of_columns_change_nothing(name: str) -> None:
+    frame = marketing().sample(frac=1, random_state=1)
+    same(opened(TYPES[name](frame), ROLES), opened(frame, ROLES))
+
+
 def test_a_table_without_time_keeps_its_order() -> None:
     frame = pd.DataFrame(
         {"episode": np.repeat([7, 3, 9], [2, 3, 1]), "a": [0.0, 1, 1, 0, 1, 1], "y": [1, 1, 4, 4, 4, 2]}
@@ -264,6 +287,7 @@ BAD: dict[str, tuple[Any, dict[str, Any], str]] = {
     "dates": (_but(due=lambda f: f.day), {"states": ["due"]}, r"due holds dates.*data\.calendar"),
     "no rows": (marketing().iloc[:0], {}, r"has no rows"),
     "names twice": (pd.concat([marketing(), marketing()[["tv"]]], axis=1), {}, r"two columns are called 'tv'"),
+    "lists": (_but(week=lambda f: [[1]] * len(f)), {}, r"week holds neither numbers nor words"),
     "no table": (3, {}, r"int is no table"),
     "unknown word": (marketing(), {"windw": "week"}, r"data\.windw: .*did you mean 'window'"),
     "two roles": (marketing(), {"states": ["tv"], "actions": ["tv"]}, r"'tv' is in data\.states and in data\.actions"),
