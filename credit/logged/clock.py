@@ -78,6 +78,8 @@ class Clock:
         how = {"iso": "ISO8601", "text": self.format}.get(self.kind)
         if isinstance(values.dtype, pd.CategoricalDtype):
             values = values.astype(values.cat.categories.dtype)
+        if isinstance(values.dtype, pd.PeriodDtype):
+            values = values.dt.to_timestamp()
         dates = pd.to_datetime(values, errors="coerce", format=how)
         self._complete(dates, values, rows, source)
         return dates.dt.tz_localize(None) if dates.dt.tz is not None else dates
@@ -91,8 +93,8 @@ class Clock:
         what = "missing" if values.isna().iloc[at] else f"{str(value)!r}"
         said = {"number": "a number", "period": "like 2024-W05"}.get(self.kind, "a date such as 2024-01-31")
         raise UserError(
-            f"{source}: {self.column} of row {rows[at]} is {what}, and it is the time of its row, here {said}; mend it, "
-            "or name another column by data.time"
+            f"{source}: {self.column} of row {rows[at]} is {what}, and it is the time of its row, here {said}; mend "
+            "it, or name another column by data.time"
         )
 
 
@@ -102,7 +104,11 @@ def clock(name: str, values: pd.Series[Any]) -> Clock | None:
 
     if isinstance(values.dtype, pd.CategoricalDtype):
         values = values.astype(values.cat.categories.dtype)
-    if values.dtype.kind == "M" or str(values.dtype).startswith("datetime64"):
+    if (
+        values.dtype.kind == "M"
+        or isinstance(values.dtype, pd.PeriodDtype)
+        or str(values.dtype).startswith("datetime64")
+    ):
         return Clock(name, "date")
     if values.dtype.kind in "iuf":
         return Clock(name, "number")

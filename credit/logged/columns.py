@@ -26,7 +26,7 @@ def kind(values: pd.Series[Any]) -> Kind:
         return "category"
     if not len(values.dropna()):
         return "empty"
-    if values.dtype.kind == "M":
+    if values.dtype.kind == "M" or isinstance(values.dtype, pd.PeriodDtype):
         return "date"
     if values.dtype.kind in "iufb":
         return "number"
@@ -83,8 +83,8 @@ def codes(values: pd.Series[Any]) -> tuple[Ints, NDArray[Any]]:
         good = levels >= 0
         renumbered = np.where(good, np.cumsum(good) - 1, -1)[found]
         return renumbered.astype(np.int64), names[levels[good]]
-    found, levels = pd.factorize(values)
-    return found.astype(np.int64), np.asarray(levels, dtype=None if values.dtype in (np.int64, np.float64) else object)
+    found, uniques = pd.factorize(values)
+    return found.astype(np.int64), np.asarray(uniques, dtype=None if values.dtype in (np.int64, np.float64) else object)
 
 
 class Levels:
@@ -117,8 +117,8 @@ class Levels:
         if len(self.counts) > LEVELS:
             self.alike(source)
             raise UserError(
-                f"{source}: {self.name} has more than {LEVELS} different values (such as {self._some()}); leave it out of "
-                "data.states and data.actions, put values together, or store it as a number"
+                f"{source}: {self.name} has more than {LEVELS} different values (such as {self._some()}); leave it out "
+                "of data.states and data.actions, put values together, or store it as a number"
             )
 
     def alike(self, source: str) -> None:
@@ -131,8 +131,8 @@ class Levels:
         if odd is not None:
             others = "words" if isinstance(odd, int | float) else "numbers"
             raise UserError(
-                f"{source}: {self.name} of row {self._first[odd]} is {odd!r}, and most others are {others}; mend it, leave it "
-                "empty, or leave the column out"
+                f"{source}: {self.name} of row {self._first[odd]} is {odd!r}, and most others are {others}; mend it, "
+                "leave it empty, or leave the column out"
             )
 
     def ordered(self) -> tuple[Any, ...]:

@@ -49,7 +49,7 @@ def opened(paths: Sequence[Path], name: str, memory: int) -> Source:
         return _converted(paths, dialects, name, said)
     frames = [_frame(path, how) for path, how in zip(paths, dialects, strict=True)]
     for path, frame in zip(paths, frames, strict=True):
-        alike(path, frame.columns, paths[0], frames[0].columns)
+        alike(path, [*frame.columns], paths[0], [*frames[0].columns])
     frame = frames[0] if len(frames) == 1 else pd.concat(frames, ignore_index=True)
     if not len(frame):
         raise UserError(f"{name}: there are no rows in it, only the names of columns; give one row a step")
@@ -163,6 +163,8 @@ def _attempt(
             parse = reader.ParseOptions(delimiter=how.separator, newlines_in_values=True)
             with reader.open_csv(path, read, parse, convert) as stream:
                 alike(path, stream.schema.names, paths[0], [*seen] or stream.schema.names)
+                if any(pa.types.is_binary(kind) for kind in stream.schema.types):  # what is no text is taken as that
+                    raise encoding(path)
                 for column in stream.schema:
                     if (other := seen.setdefault(column.name, column.type)) != column.type:
                         return {column.name: _both(other, column.type)}

@@ -55,7 +55,7 @@ class Features:
         import pandas as pd
 
         found: dict[str, Floats | pd.Series[Any]] = {}
-        dates = None
+        dates: Any = None
         if self._dates and self._clock:
             dates = self._clock.dates(frame[self._clock.column], rows, self._source)
         for name, kind in self.kinds.items():
@@ -64,7 +64,9 @@ class Features:
                 if levels is None:
                     found[name] = values
                 else:
-                    found[name] = pd.Series(pd.Categorical.from_codes(values, categories=[*levels]), name=name)
+                    found[name] = pd.Series(
+                        pd.Categorical.from_codes(values.astype(np.int64), categories=pd.Index(levels)), name=name
+                    )
             elif kind == "number":
                 found[name] = numbers(frame[name], rows, self._source)
             else:
@@ -81,7 +83,7 @@ class Features:
         return found
 
     def filled(self, made: Mapping[str, Any]) -> dict[str, Any]:
-        """The same with means, or most frequent levels, where there was none; categories with all levels of the data."""
+        """The same with means, or most frequent levels, where there was none; categories with all levels there are."""
         import pandas as pd
 
         found: dict[str, Any] = {}
@@ -138,7 +140,8 @@ class Survey:
                 self.moments[name].add(numbers_of if everything else numbers_of[keep])
                 self._some[name].append(numbers_of[some])
             else:
-                self.levels[name].add(values if everything else values[keep], rows[keep], source)
+                series: Any = values
+                self.levels[name].add(series if everything else series[keep], rows[keep], source)
         self._seen += len(rows)
         return keep
 
@@ -157,14 +160,14 @@ class Survey:
             first = next(iter(lacking))
             raise UserError(
                 f"{source}: values are missing (rows without one: {counts}; the first is {first} of row "
-                f"{self._first[first]}); fill them in, or say data.missing=mean (the column's mean) or data.missing=drop "
-                "(without these rows)"
+                f"{self._first[first]}); fill them in, or say data.missing=mean (the column's mean) or "
+                "data.missing=drop (without these rows)"
             )
         for levels in self.levels.values():
             levels.alike(source)
 
     def columns(self) -> dict[str, Column]:
-        """What all rows said. Quantiles of more than a quarter of a million rows are those of so many, spread over all."""
+        """What all rows said; quantiles of more than a quarter of a million rows are those of so many of them."""
         found = {}
         for name in self._features.kinds:
             stock = name in self._stock

@@ -1,4 +1,4 @@
-"""What columns seem to be, judged by names and by a sample of rows. A guess is said, and gives way to what a user says."""
+"""What columns seem to be, by their names and a sample of rows. A guess is said, and gives way to what a user says."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from credit.core.errors import UserError
 from credit.logged.clock import CALENDAR, Clock, clock
-from credit.logged.columns import LEVELS, Kind, codes, kind, odd_one
+from credit.logged.columns import Kind, codes, kind
 from credit.logged.panel import Ints
 
 if TYPE_CHECKING:
@@ -22,17 +22,9 @@ LABEL = ("label", "y", "target", "outcome", "sales", "revenue", "kpi", "conversi
          "demand", "result", "return")  # fmt: skip
 TIME = ("time", "timestamp", "datetime", "date", "ds", "day", "hour", "minute", "second", "step", "t", "tick", "week",
         "month", "quarter", "year")  # fmt: skip
-GROUP = ("group", "region", "store", "shop", "market", "geo", "country", "state", "city", "site", "customer", "patient",
-         "user", "subject", "unit", "series", "panel", "sku", "product", "brand", "origin", "machine", "device")  # fmt: skip
-ACTION = ("action", "spend", "spending", "budget", "bid", "price", "discount", "promo", "promotion", "coupon", "dose",
-          "treatment", "treat", "tv", "radio", "print", "ooh", "billboard", "search", "social", "display", "email", "mail",
-          "ads", "ad", "advertising", "campaign", "media", "facebook", "google", "youtube", "tiktok", "newsletter", "a",
-          "impressions", "clicks")  # fmt: skip
-STATE = ("state", "obs", "observation", "s", "temp", "temperature", "rain", "rainfall", "snow", "wind", "weather", "sun",
-         "humidity", "stock", "inventory", "holiday", "season", "trend", "income", "age", "gdp", "unemployment",
-         "competitor", *CALENDAR)  # fmt: skip
-LEAK = ("reward", "rewards", "r", "credit", "propensity", "pscore")
-COUNTER = ("unnamed", "index", "id", "row", "rownum", "uuid", "key")
+GROUP = ("group", "region", "store", "shop", "market", "geo", "country", "state", "city", "site", "customer",
+         "patient", "user", "subject", "unit", "series", "panel", "sku", "product", "brand", "origin",
+         "machine", "device")  # fmt: skip
 
 
 def named(column: str, words: Sequence[str]) -> int | None:
@@ -60,6 +52,10 @@ class Sample:
         for name in names:
             if name is None:
                 continue
+            if self.kinds[name] == "other":
+                raise UserError(
+                    f"{self.source}: {name} holds neither numbers nor words, and so it cannot tell rows apart"
+                )
             if name not in self._codes:
                 self._codes[name] = codes(self.frame[name])[0] + 1
             mixed = found * (int(self._codes[name].max()) + 1) + self._codes[name]
@@ -113,10 +109,11 @@ def series(sample: Sample, names: Sequence[str], time: Any, group: Any) -> tuple
         who = likely[0] if likely else None
     if time:
         return time, who
-    return next((name for name in dated if name in times and _rises(sample, name, who)), None), who
+    return next((name for name in dated if name in times and rises(sample, name, who)), None), who
 
 
-def _rises(sample: Sample, time: str, group: str | None) -> bool:
+def rises(sample: Sample, time: str, group: str | None) -> bool:
+    """Whether a time never falls within a group, as rows lie."""
     found = sample.clock(time)
     if found is None or sample.frame[time].isna().any():
         return False
@@ -131,13 +128,14 @@ def _groups(sample: Sample, names: Sequence[str], times: Sequence[str]) -> list[
     for name in names:
         word = named(name, GROUP)
         text = sample.kinds[name] == "category" and not sample.dated(name)
-        whole = sample.kinds[name] == "number" and _whole(sample.frame[name]) and word is not None
-        if (text or whole) and name not in times and 2 <= (levels := sample.levels(name)) <= len(sample) / 2:
+        coded = sample.kinds[name] == "number" and whole(sample.frame[name]) and word is not None
+        if (text or coded) and name not in times and 2 <= (levels := sample.levels(name)) <= len(sample) / 2:
             found.append((word is None, word or 0, levels, name))
     return [name for *_, name in sorted(found)]
 
 
-def _whole(values: pd.Series[Any]) -> bool:
+def whole(values: pd.Series[Any]) -> bool:
+    """Whether all numbers are whole ones."""
     some = np.asarray(values, dtype=np.float64)
     return bool((some == np.floor(some)).all())
 
@@ -151,9 +149,8 @@ def windows(
         UserError: nothing fits, or several.
     """
     numeric = [name for name in names if sample.kinds[name] == "number"]
-    labels = [label] if label else [
-        name for name in numeric if name not in (time, group, window) and named(name, (*WINDOW, *TIME, *CALENDAR)) is None
-    ]  # fmt: skip
+    other = [name for name in numeric if name not in (time, group, window)]
+    labels = [label] if label else [name for name in other if named(name, (*WINDOW, *TIME, *CALENDAR)) is None]
     found = []
     for name in [window] if window else names:
         if name == label or (not window and (name == time or not _names_windows(sample, name))):
@@ -183,7 +180,7 @@ def windows(
 def _names_windows(sample: Sample, name: str) -> bool:
     if sample.kinds[name] == "number":
         some = sample.frame[name].dropna()
-        return named(name, WINDOW) is not None or (_whole(some) and sample.levels(name) > 2)
+        return named(name, WINDOW) is not None or (whole(some) and sample.levels(name) > 2)
     return sample.kinds[name] in ("category", "date")
 
 
@@ -207,75 +204,3 @@ def _unfounded(
             f"data.label=…, or data.labels=FILE where labels are in a second table {listing}"
         )
     return window, label
-
-
-def features(
-    sample: Sample, names: Sequence[str], label: str | None, window_codes: Ints
-) -> tuple[list[str], list[str]]:
-    """Columns that can be features, and a sentence about each that is left out.
-
-    Raises:
-        UserError: a column of numbers and words.
-    """
-    kept, said = [], []
-    for name in names:
-        reason = _unfit(sample, name, label, window_codes)
-        if reason:
-            said.append(f"{name} is left out: {reason}")
-        else:
-            kept.append(name)
-    return kept, said
-
-
-def _unfit(sample: Sample, name: str, label: str | None, at: Ints) -> str | None:
-    values, what = sample.frame[name], sample.kinds[name]
-    if what == "empty":
-        return "it has no values"
-    if what == "other":
-        return "it holds neither numbers nor words"
-    if named(name, LEAK) is not None:
-        return "by its name it tells what is looked for, or how it was drawn"
-    if sample.dated(name):
-        return "it holds dates (data.calendar=[weekday, month] makes features of them)"
-    levels = sample.levels(name)
-    if levels == 1:
-        return "it has one value"
-    if what == "category":
-        found, some = codes(values)
-        counts = dict(zip(some.tolist(), np.bincount(found[found >= 0], minlength=len(some)).tolist(), strict=True))
-        odd = odd_one(counts)
-        if odd is not None:
-            row = int((values == odd).to_numpy().argmax())
-            where = f" (row {row} of those looked at)"
-            raise UserError(
-                f"{sample.source}: {name} has {odd!r}{where} among other kinds of values; mend it, or leave it empty"
-            )
-        return f"it has {levels} different words (at most {LEVELS})" if levels > LEVELS else None
-    some = np.asarray(values, dtype=np.float64)
-    steps = np.unique(np.diff(some))
-    if named(name, COUNTER) is not None and (levels == len(sample) or _whole(values)):
-        return "by its name it only numbers rows"
-    if len(some) > 2 and len(steps) == 1 and steps[0] != 0:
-        return "it only counts the rows"
-    if label in sample.frame.columns and name != label:
-        truth = np.asarray(sample.frame[label], dtype=np.float64)
-        if np.array_equal(some, truth, equal_nan=True):
-            return f"it equals {label}, the label"
-    return None
-
-
-def actions(sample: Sample, names: Sequence[str]) -> tuple[list[str], str]:
-    """Which features were done and not only there, and why it is thought so."""
-    called = [name for name in names if named(name, ACTION) is not None and named(name, STATE) is None]
-    if called:
-        return called, "by their names"
-    likely = [name for name in names if named(name, STATE) is None and sample.kinds[name] == "number"]
-    bursts = []
-    for name in likely:
-        values = np.asarray(sample.frame[name], dtype=np.float64)
-        if np.nanmin(values) >= 0 and np.mean(values == 0) >= 0.2 and sample.levels(name) > 2:
-            bursts.append(name)
-    if bursts:
-        return bursts, "never negative, and often 0"
-    rest = [name for name in names if named(name, STATE) is None]
-    return (rest or [*names]), "nothing tells what was done from what was there"

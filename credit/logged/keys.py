@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from credit.core.errors import UserError
 from credit.logged.columns import codes, numbers
-from credit.logged.panel import Floats, Ints, Roles, Windows
+from credit.logged.panel import Ints, Roles, Windows
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -108,8 +108,8 @@ class Runs:
         if (found < 0).any():
             row = rows[int((found < 0).argmax())]
             raise UserError(
-                f"{self._source}: {values.name} of row {row} is missing, and it says the row's {what}; fill it in, or leave "
-                "the row out"
+                f"{self._source}: {values.name} of row {row} is missing, and it says the row's {what}; fill it in, or "
+                "leave the row out"
             )
         return found, levels
 
@@ -140,9 +140,9 @@ class Runs:
             at = int(apart.argmax())
             raise UserError(
                 f"{self._source}: {self.roles.label} is {low[at]:g} and {high[at]:g} in rows of one window, "
-                f"{self._called(ids[at], groups[group[at]])}, which begins in row {rows[at]}; a window has one label, in all "
-                "of its rows, or in its last one with nothing (not 0) in the others. Or name another column by data.label, "
-                "data.window or data.group"
+                f"{self._called(ids[at], groups[group[at]])}, which begins in row {rows[at]}; a window has one label, "
+                "in all of its rows, or in its last one with nothing (not 0) in the others. Or name another column by "
+                "data.label, data.window or data.group"
             )
         key = hashed(ids, group, groups)
         self._whole(key, ids, group, groups, rows)
@@ -167,8 +167,8 @@ class Runs:
         hints = [] if self.roles.group else ["name the column that tells series apart by data.group"]
         hints += ["leave data.time out"] if self._clock else ["name the column that orders rows by data.time"]
         raise UserError(
-            f"{self._source}: the rows of window {self._called(ids[at], groups[group[at]])} do not follow each other: it "
-            f"begins in row {rows[first]}, and again in row {rows[at]}, with others in between (in the order of its "
+            f"{self._source}: the rows of window {self._called(ids[at], groups[group[at]])} do not follow each other: "
+            f"it begins in row {rows[first]}, and again in row {rows[at]}, with others in between (in the order of its "
             f"group{named}); give each window a name of its own, or {', or '.join(hints)}"
         )
 
@@ -200,52 +200,3 @@ def hashed(ids: NDArray[Any], group: Ints, groups: Sequence[Any]) -> NDArray[np.
         0xBF58476D1CE4E5B9
     )
     return np.asarray(mixed ^ (mixed >> np.uint64(31)), dtype=np.uint64)
-
-
-def joined(windows: Windows, table: pd.DataFrame, roles: Roles, source: str) -> tuple[Floats, list[str]]:
-    """Labels of windows from a second table [W], and what there is to say.
-
-    Args:
-        table: one row a window: columns of the window, perhaps of the group, and the label. source: its name.
-
-    Raises:
-        UserError: a window that is there twice, or none that fits.
-    """
-    rows = np.arange(len(table))
-    label = numbers(table[roles.label], rows, source, "the label")
-    group, groups, own, own_groups = np.zeros(len(table), np.int64), ("all",), windows.group, windows.groups
-    if roles.group is not None and roles.group in table.columns:
-        group, names = codes(table[roles.group])
-        groups = tuple(names)
-    elif roles.group is not None:
-        own, own_groups = np.zeros(len(windows), np.int64), ("all",)
-    key = hashed(table[roles.window].to_numpy(), group, groups)
-    mine = hashed(windows.id, own, own_groups)
-    order = np.argsort(key, kind="stable")
-    twice = np.flatnonzero(key[order][1:] == key[order][:-1])
-    if len(twice):
-        at = int(order[twice + 1].min())
-        raise UserError(
-            f"{source}: {roles.window} {table[roles.window].iloc[at]} is there twice, again in row {at}; keep one"
-        )
-    if len(np.unique(mine)) < len(mine):
-        raise UserError(
-            f"{source}: there is no column {roles.group!r}, and several groups have windows of the same name; say whose each "
-            "label is"
-        )
-    at = np.minimum(np.searchsorted(key[order], mine), len(key) - 1)
-    fits = key[order][at] == mine
-    if not fits.any():
-        raise UserError(
-            f"{source}: none of its windows ({_some(table[roles.window])}) is one of the steps ({_some(windows.id)}); "
-            f"{roles.window} must be written alike in both"
-        )
-    found = np.where(fits, label[order][at], np.nan)
-    said = []
-    if (more := len(key) - int(fits.sum())) > 0:
-        said.append(f"{more} of the {len(key)} windows in {source} have no steps, and are left out")
-    return found, said
-
-
-def _some(values: Any) -> str:
-    return ", ".join(str(value) for value in list(values[:3]))

@@ -13,9 +13,10 @@ from credit.logged.clock import CALENDAR
 from credit.logged.columns import numbers
 from credit.logged.features import Features, Survey
 from credit.logged.guesses import Sample
-from credit.logged.keys import Runs, joined
+from credit.logged.keys import Runs
 from credit.logged.panel import Ints, Panel, Roles, Windows
 from credit.logged.roles import check_baseline, settled
+from credit.logged.second import joined
 from credit.logged.sorting import in_order, twins
 from credit.logged.sources import MEMORY, Source, located
 from credit.logged.tables import Table
@@ -103,8 +104,8 @@ def _twins(source: Source, columns: Sequence[str], tied: Ints) -> list[str]:
     if same.all():
         pair = _numbers_of(source, columns[:1], int(tied[0]))
         raise UserError(
-            f"{source.name}: rows {pair[0]} and {pair[1]} are the same, and so are {len(tied)} pairs; keep one of each (in "
-            "pandas: drop_duplicates), or leave data.time out if both happened (data.time=false)"
+            f"{source.name}: rows {pair[0]} and {pair[1]} are the same, and so are {len(tied)} pairs; keep one of each "
+            "(in pandas: drop_duplicates), or leave data.time out if both happened (data.time=false)"
         )
     some = f", {int(same.sum())} of them in all columns" if same.any() else ""
     return [f"{len(tied)} rows have the time of the row before{some}; they stay as they lay"]
@@ -128,8 +129,8 @@ def _check_labels(windows: Windows, first: Ints, roles: Roles, source: str) -> N
     """
     if len(windows) == 1:
         raise UserError(
-            f"{source}: there is one window only ({roles.window} {windows.id[0]}), from which no share of a row can be told; "
-            "give several, or name another column by data.window"
+            f"{source}: there is one window only ({roles.window} {windows.id[0]}), from which no share of a row can be "
+            "told; give several, or name another column by data.window"
         )
     known = windows.label[windows.labelled]
     if not len(known):
@@ -140,14 +141,14 @@ def _check_labels(windows: Windows, first: Ints, roles: Roles, source: str) -> N
         )
     if (known == known[0]).all():
         raise UserError(
-            f"{source}: {roles.label} is {known[0]:g} in all windows that have a label, and so nothing can explain it; name "
-            "another column by data.label"
+            f"{source}: {roles.label} is {known[0]:g} in all windows that have a label, and so nothing can explain it; "
+            "name another column by data.label"
         )
     if roles.label_is == "binary" and (bad := windows.labelled & ~np.isin(windows.label, (0, 1))).any():
         at = int(bad.argmax())
         raise UserError(
-            f"{source}: {roles.label} of {roles.window} {windows.id[at]} (from row {first[at]}) is {windows.label[at]:g}, and "
-            "data.label_is=binary allows 0 and 1"
+            f"{source}: {roles.label} of {roles.window} {windows.id[at]} (from row {first[at]}) is "
+            f"{windows.label[at]:g}, and data.label_is=binary allows 0 and 1"
         )
 
 
@@ -168,8 +169,8 @@ def _surveyed(source: Source, survey: Survey, columns: Sequence[str], roles: Rol
             if (bad := ~((values > 0) & (values <= 1))).any():
                 at = int(bad.argmax())
                 raise UserError(
-                    f"{source.name}: {roles.propensity} of row {rows[at]} is {values[at]:g}; data.propensity is a probability "
-                    "of what was done, above 0 and at most 1"
+                    f"{source.name}: {roles.propensity} of row {rows[at]} is {values[at]:g}; data.propensity is a "
+                    "probability of what was done, above 0 and at most 1"
                 )
     survey.complete(source.name)
     return steps

@@ -28,7 +28,7 @@ class Roles:
     """Which column is what.
 
     Attributes:
-        window: names the rows that share a label. label: of a window. time: order of rows in a group; None: as is.
+        window: names the rows that share a label. label: of a window. time: of rows in a group; None: as they lie.
         group: series that have nothing to carry over to each other; None: one series.
         states: what was there. actions: what was done. Both are features; actions alone have effects.
         stock: features that are levels, not flows: a window has their mean, not their sum.

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from credit.core.errors import UserError
+from credit.logged import sources
 from credit.logged.panel import Ints
-from credit.logged.sources import CHUNK, PIECES, SAMPLE, Source
+from credit.logged.sources import PIECES, SAMPLE, Source
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     import pyarrow.dataset as ds
 
 BATCH = 131_072  # rows that pyarrow decodes at once
+SORTING = 2 * 2**30  # bytes that DuckDB may use before it spills
 ROW = "__row"  # the number of a row in what was given, in a file that we wrote
 KEYS = ("__group", "__time", ROW)
 
@@ -72,17 +74,22 @@ class ParquetSource(Source):
         if not self.rows:
             raise UserError(f"{name}: there are no rows in it, only the names of columns; give one row a step")
 
-    def tables(self, columns: Sequence[str], least: int = CHUNK) -> Iterator[tuple[pa.Table, Ints]]:
+    def tables(self, columns: Sequence[str], least: int | None = None) -> Iterator[tuple[pa.Table, Ints]]:
         """Rows in order, as pyarrow has them, with their numbers."""
         import pyarrow as pa
         import pyarrow.dataset as ds
 
         wanted = [*columns, ROW] if self._numbered else [*columns]
+        least = least or sources.CHUNK
         held: list[pa.RecordBatch] = []
         first = count = 0
         options = ds.ParquetFragmentScanOptions(pre_buffer=False)  # which would hold the whole file
         batches = self._data.to_batches(
-            columns=wanted, batch_size=BATCH, batch_readahead=2, fragment_readahead=1, fragment_scan_options=options
+            columns=wanted,
+            batch_size=min(BATCH, least),
+            batch_readahead=2,
+            fragment_readahead=1,
+            fragment_scan_options=options,
         )
         for batch in self._safely(batches):
             held.append(batch)
@@ -93,7 +100,7 @@ class ParquetSource(Source):
         if count:
             yield self._numbers(pa.Table.from_batches(held), first)
 
-    def chunks(self, columns: Sequence[str], least: int = CHUNK) -> Iterator[tuple[pd.DataFrame, Ints]]:
+    def chunks(self, columns: Sequence[str], least: int | None = None) -> Iterator[tuple[pd.DataFrame, Ints]]:
         """The same as frames."""
         for table, rows in self.tables(columns, least):
             yield plain(table).to_pandas(split_blocks=True), rows
@@ -181,7 +188,8 @@ def by_duckdb(source: ParquetSource, columns: Sequence[str], keys: Callable[...,
     ]  # no dictionaries
     tail = [pa.field("__group", pa.int64()), pa.field("__time", pa.float64()), pa.field(ROW, pa.int64())]
     with place.writing(source.name), duckdb.connect() as connection:
-        connection.execute(f"SET memory_limit = '{max(memory, 2**28) // 2**20}MiB'")
+        connection.execute(f"SET memory_limit = '{max(memory, SORTING) // 2**20}MiB'")
+        connection.execute("SET enable_progress_bar = false")
         connection.execute(f"SET temp_directory = '{place.folder}'")
         reader = pa.RecordBatchReader.from_batches(pa.schema([*fields, *tail]), batches(pa.schema([*fields, *tail])))
         connection.register("rows", reader)
@@ -215,9 +223,8 @@ def _dataset(paths: Sequence[Path]) -> ds.Dataset:
             )
     try:
         data = ds.dataset([str(path) for path in paths], format="parquet", partitioning="hive")
-        return data.replace_schema(
-            pa.unify_schemas([*schemas, data.schema.remove_metadata()], promote_options="permissive")
-        )
+        whole = pa.unify_schemas([*schemas, data.schema.remove_metadata()], promote_options="permissive")
+        return ds.dataset([str(path) for path in paths], whole, format="parquet", partitioning="hive")
     except pa.ArrowException as error:
         raise UserError(f"{paths[0].parent}: {_clash(paths, schemas) or str(error).splitlines()[0]}") from None
 
@@ -232,7 +239,8 @@ def _clash(paths: Sequence[Path], schemas: Sequence[pa.Schema]) -> str:
             try:
                 pa.unify_schemas([pa.schema([first]), pa.schema([column])], promote_options="permissive")
             except pa.ArrowException:
-                return f"{column.name} is {first.type} in {paths[0].name} and {column.type} in {path.name}; make them alike"
+                where = f"{first.type} in {paths[0].name} and {column.type} in {path.name}"
+                return f"{column.name} is {where}; make them alike"
     return ""
 
 

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from credit.core.errors import UserError, nearest
-from credit.logged import guesses
+from credit.logged import choosing, guesses
 from credit.logged.clock import CALENDAR, Clock
 from credit.logged.columns import Kind
 from credit.logged.guesses import Sample
 from credit.logged.panel import LabelIs, Roles
+from credit.logged.second import in_second
 from credit.logged.words import Words
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ class Settled:
 
     Attributes:
         roles: of each. clock: how the column of time says it, None where rows lie in order. kinds: of each feature.
-        dates: feature → what of a date it is. calendar: how the column of these dates says them. said: what was guessed.
+        dates: feature → what of a date it is. calendar: how their column says them. said: what was guessed.
     """
 
     roles: Roles
@@ -54,13 +55,13 @@ def settled(words: Words, sample: Sample, labels: pd.DataFrame | None) -> Settle
 
     time, group = guesses.series(sample, free, words.time, words.group)
     if labels is not None:
-        window, label, group = _in_second(words, sample, labels, group)
+        window, label, group = in_second(words, sample, labels, group)
     else:
         choice = [name for name in columns if name not in {words.propensity, *words.cost.values(), *words.features}]
         window, label = guesses.windows(sample, choice, words.window, words.label, time, group)
     if group == window and words.group is None:  # a window that is its own series has nothing to carry on
         group = None
-        if time and not words.time and not guesses._rises(sample, time, None):
+        if time and not words.time and not guesses.rises(sample, time, None):
             time = None
     if time == window and not words.time:
         time = None
@@ -129,38 +130,6 @@ def _there(words: Words, columns: Sequence[str], source: str, labels: pd.DataFra
         raise UserError(f"{source}: data.window and data.label are both {words.window!r}; name another column")
 
 
-def _in_second(words: Words, sample: Sample, labels: pd.DataFrame, group: str | None) -> tuple[str, str, str | None]:
-    """Window and label where labels are in a second table, and the group."""
-    columns = [str(name) for name in labels.columns]
-    common = [name for name in columns if name in sample.kinds]
-    if words.window and words.window not in columns:
-        raise UserError(
-            f"data.labels: there is no column {words.window!r} (data.window); {nearest(words.window, columns)}"
-        )
-    if words.label and words.label not in columns:
-        raise UserError(
-            f"data.labels: there is no column {words.label!r} (data.label); {nearest(words.label, columns)}"
-        )
-    choice = [name for name in common if name not in (group, words.label)] or common
-    window = words.window or min(choice, key=lambda name: guesses.named(name, guesses.WINDOW) or 99, default=None)
-    if window is None:
-        raise UserError(
-            f"data.labels has the columns {', '.join(columns)}, and none is in {sample.source}; both need the window's"
-        )
-    second = Sample(labels, "data.labels")
-    if group is None and words.group is None:  # what else the tables share tells windows of the same name apart
-        group = next((name for name in common if name not in (window, words.label) and second.levels(name) > 1
-                      and sample.kinds[name] == "category"), None)  # fmt: skip
-    rest = [name for name in columns if name not in (window, group) and second.kinds[name] == "number"]
-    rest = [name for name in rest if name not in sample.kinds] or rest
-    called = [name for name in rest if guesses.named(name, guesses.LABEL) is not None] or rest
-    if not words.label and len(called) != 1:
-        raise UserError(
-            f"data.labels: which column is the label cannot be told ({', '.join(columns)}); say data.label=…"
-        )
-    return window, words.label or called[0], group
-
-
 def _guessed(words: Words, window: str, label: str, time: str | None, group: str | None) -> list[str]:
     said = []
     if not words.window:
@@ -198,7 +167,7 @@ def _features(
     if words.states is not None and words.actions is not None:
         return words.states, words.actions, []
     rest = [name for name in rest if name not in words.features]
-    fit, said = guesses.features(sample, rest, label, sample.codes(group, window))
+    fit, said = choosing.features(sample, rest, label)
     if words.actions is not None:
         said.append(f"data.states=[{', '.join(fit)}]: all that is not among the actions (data.states=[] for none)")
         return tuple(fit), words.actions, said
@@ -207,7 +176,7 @@ def _features(
         return words.states, tuple(fit), said
     if not fit:
         raise UserError(f"{sample.source}: no column is left to be a state or an action; say data.actions=[…]")
-    actions, why = guesses.actions(sample, fit)
+    actions, why = choosing.actions(sample, fit)
     states = [name for name in fit if name not in actions]
     said.append(f"data.actions=[{', '.join(actions)}] data.states=[{', '.join(states)}]: {why}")
     return tuple(states), tuple(actions), said
@@ -229,7 +198,8 @@ def _usable(name: str, sample: Sample, used: Mapping[str, str]) -> Kind:
         )
     if sample.dated(name):
         raise UserError(
-            f"{sample.source}: {name} holds dates, which are no feature; say data.time={name} data.calendar=[weekday, month]"
+            f"{sample.source}: {name} holds dates, which are no feature; say data.time={name} "
+            "data.calendar=[weekday, month]"
         )
     return "number" if what == "empty" else what
 

@@ -47,9 +47,9 @@ def in_order(source: Source, columns: Sequence[str], roles: Roles, clock: Clock 
             return by_duckdb(source, columns, keys, memory)
         except ImportError:
             if size > 4 * memory:
-                order = " and ".join(name for name in (roles.group, roles.time) if name)
+                named = " and ".join(name for name in (roles.group, roles.time) if name)
                 raise UserError(
-                    f"{source.name}: {source.rows} rows are not in the order of {order}, and too many to be sorted in "
+                    f"{source.name}: {source.rows} rows are not in the order of {named}, and too many to be sorted in "
                     "memory; pip install 'credit-rl[duckdb]', or sort the files"
                 ) from None
     frame, rows = source.whole(columns)

@@ -36,8 +36,8 @@ class Source(ABC):
     said: tuple[str, ...] = ()
 
     @abstractmethod
-    def chunks(self, columns: Sequence[str], least: int = CHUNK) -> Iterator[tuple[pd.DataFrame, Ints]]:
-        """Rows in order, some of the columns, with the rows' numbers in what was given."""
+    def chunks(self, columns: Sequence[str], least: int | None = None) -> Iterator[tuple[pd.DataFrame, Ints]]:
+        """Rows in order, some of the columns, with the rows' numbers in what was given; `CHUNK` or so many at once."""
 
     @abstractmethod
     def sample(self) -> pd.DataFrame:
@@ -75,9 +75,9 @@ class FrameSource(Source):
         self.name, self.columns, self.rows, self.said = name, tuple(columns), len(frame), said
         self.numbers = np.arange(len(frame)) if rows is None else rows
 
-    def chunks(self, columns: Sequence[str], least: int = CHUNK) -> Iterator[tuple[pd.DataFrame, Ints]]:
+    def chunks(self, columns: Sequence[str], least: int | None = None) -> Iterator[tuple[pd.DataFrame, Ints]]:
         """Slices of it."""
-        frame = self.frame[[*columns]]
+        frame, least = self.frame[[*columns]], least or CHUNK
         for first in range(0, len(frame), least):
             yield (
                 frame.iloc[first : first + least].reset_index(drop=True),
@@ -111,7 +111,8 @@ def located(data: Any, memory: int = MEMORY) -> Source:
     if hasattr(data, "iloc") and hasattr(data, "columns"):
         if not len(data):
             raise UserError("the frame has no rows; give one row a step")
-        return FrameSource(data, "the frame")
+        unnamed = any(name is None or name in data.columns for name in data.index.names)
+        return FrameSource(data if unnamed else data.reset_index(), "the frame")
     paths = files(data)
     name = str(paths[0]) if len(paths) == 1 else f"{paths[0].parent} ({len(paths)} files)"
     for path in paths:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from credit.logged.features import Features
 from credit.logged.panel import Ints, Panel, Part, Roles, Windows
-from credit.logged.sources import CHUNK, Source
+from credit.logged.sources import Source
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,8 +32,8 @@ class Table(Panel):
         others = [roles.window, roles.label, roles.time, roles.group, *roles.cost.values(), roles.propensity]
         self._others = [*dict.fromkeys(name for name in others if name in source.columns and name not in self.columns)]
 
-    def parts(self, least: int = CHUNK) -> Iterator[Part]:
-        """All rows, in order, in parts of at least so many (but the last) that end with a window."""
+    def parts(self, least: int | None = None) -> Iterator[Part]:
+        """All rows, in order, in parts that end with a window, of about a million or as many as are asked for."""
         needed = [*dict.fromkeys([*self._features.needed, *self._others])]
         ends = np.cumsum(self._lengths)
         last, group, window = -1, -1, 0
@@ -60,7 +60,7 @@ class Table(Panel):
             others, rows, local = others[~gone], rows[~gone], local[~gone]
             local = np.unique(local, return_inverse=True)[1]
         number = local + window
-        columns = {**self._features.filled(made), **{name: others[name].array for name in others}}
+        columns: dict[str, Any] = {**self._features.filled(made), **{str(name): others[name].array for name in others}}
         found = pd.DataFrame(columns, index=pd.Index(rows), copy=False)
         return Part(found, number.astype(np.int64), self.windows.group[number] if len(rows) else number)
 
