@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+SERIES = 50  # at most, of which each has a level of its own where nothing is said of states
+
+
 @dataclass(frozen=True)
 class Settled:
     """What columns are.
@@ -49,8 +52,7 @@ def settled(words: Words, sample: Sample, labels: pd.DataFrame | None) -> Settle
     """
     columns, source, said = [*sample.kinds], sample.source, []
     _there(words, columns, source, labels)
-    taken = {words.window, words.label, words.propensity, *words.cost.values(), *(words.states or ())}
-    taken |= {*(words.actions or ())}
+    taken = {words.window, words.label, words.propensity, *words.cost.values(), *(words.actions or ())}
     free = [name for name in columns if name not in taken]
 
     time, group = guesses.series(sample, free, words.time, words.group)
@@ -178,6 +180,8 @@ def _features(
         raise UserError(f"{sample.source}: no column is left to be a state or an action; say data.actions=[…]")
     actions, why = choosing.actions(sample, fit)
     states = [name for name in fit if name not in actions]
+    if group is not None and sample.kinds[group] == "category" and sample.levels(group) <= SERIES:
+        states.append(group)  # what differs between series and lasts
     said.append(f"data.actions=[{', '.join(actions)}] data.states=[{', '.join(states)}]: {why}")
     return tuple(states), tuple(actions), said
 

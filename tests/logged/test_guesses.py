@@ -26,7 +26,7 @@ def test_a_panel_of_regions(shuffled: bool) -> None:
     frame["id"] = np.arange(len(frame))
     roles, said = guessed(frame.sample(frac=1, random_state=0).reset_index(drop=True) if shuffled else frame)
     assert (roles.window, roles.label, roles.time, roles.group) == ("week", "sales", "day", "region")
-    assert (roles.actions, roles.states) == (("tv", "radio"), ("temperature", "sky"))
+    assert (roles.actions, roles.states) == (("tv", "radio"), ("temperature", "sky", "region"))
     assert "data.window=week" in said
     assert "id is left out: by its name it only numbers rows" in said
 

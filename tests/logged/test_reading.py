@@ -8,7 +8,7 @@ from credit.core.errors import UserError
 from credit.logged.formulas import Terms
 from credit.logged.panel import Column, Roles
 from credit.logged.reading import parse
-from tests.logged.tables import columns, table
+from tests.logged.rows import columns, table
 
 COLUMNS = columns(table())
 ROLES = Roles("week", "sales", "date", "shop", actions=("tv",), states=("price", "region"))
