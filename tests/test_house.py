@@ -44,7 +44,13 @@ BELOW: dict[str, set[str]] = {  # room → the rooms that it may import, beside 
     "renamed": set(),
     "api": {"core", "config", "runs", "report", "cli"},  # what commands do, from Python
     "__main__": {"cli"},
-    "": {"api", "logged", "runs", "envs.registration", "core"},  # credit/__init__.py: `credit.run`, and our Gymnasium ids
+    "": {
+        "api",
+        "logged",
+        "runs",
+        "envs.registration",
+        "core",
+    },  # credit/__init__.py
 }
 ONLY = {  # package → the rooms that know it
     "hydra": {"config", "cli"},

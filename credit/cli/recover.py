@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from credit.cli.main import guarded
-from credit.core.errors import UserError
 
 if TYPE_CHECKING:
     from credit.cli.recovery_words import Request
@@ -71,7 +69,7 @@ def main(argv: list[str]) -> int:
 
 def _one(asked: Request) -> None:
     from credit.cli.recovery_screen import explained, shown
-    from credit.logged.opening import opened
+    from credit.logged.tables.opening import opened
 
     panel = opened(asked.data, asked.ask.data)
     models = asked.ask.models(panel)

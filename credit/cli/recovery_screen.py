@@ -62,7 +62,8 @@ def _untold(console: Console, found: LoggedCredit) -> None:
         console.print(f"  · not told by these windows: {one.text}; {one.remedy}")
     for line in found.told[found.told["told"] == "badly"].to_dict("records"):
         console.print(
-            f"  · told badly: {line['column']} moves with {line['partner']} (variance inflated {line['inflation']:.0f} times)"
+            f"  · told badly: {line['column']} moves with {line['partner']} (its variance is "
+            f"{line['inflation']:.0f} times as large)"
         )
 
 

@@ -17,7 +17,7 @@ from credit.core.naming import is_name
 from credit.core.signatures import signature
 from credit.logged.asking import REFERENCE, Ask
 from credit.logged.recovering import Options
-from credit.logged.words import Words
+from credit.logged.tables.words import Words
 
 if TYPE_CHECKING:
     from credit.core.seams import Mixer
@@ -272,8 +272,10 @@ def _mixer(given: Any, config_dirs: Sequence[str]) -> Mixer | None:
             raise UserError(f"mixer.{key}={value!r}: {reason}")
     made: Mixer = schema.build({"mixer": node | keys}, "mixer")
     if made.sees_label_errors:
-        raise UserError(f"mixer={option}: it weighs models by draws that a run's bootstrap holds out, and there are none "
-                        "here; relative_mse, best, uniform and reference_only are for logged data")  # fmt: skip
+        raise UserError(
+            f"mixer={option}: it weighs models by draws that a run's bootstrap holds out, and there are none here; "
+            "relative_mse, best, uniform and reference_only are for logged data"
+        )
     return made
 
 

@@ -10,7 +10,7 @@ from credit.core import signatures
 from credit.core.errors import UserError, nearest
 from credit.core.naming import is_name
 from credit.core.signatures import signature
-from credit.logged.formulas import Terms
+from credit.logged.formulas.terms import Terms
 from credit.logged.models import Model
 from credit.logged.panel import Panel
 from credit.logged.recovering import Options
@@ -60,9 +60,11 @@ class Ask:
             if not isinstance(surrogates, Mapping):
                 problems.append(f"surrogates={surrogates!r}: a mapping belongs here, name → formula")
                 surrogates = {}
-            for name in surrogates:
-                if not is_name(str(name)) or str(name) == REFERENCE:
-                    problems.append(f"surrogates.{name}: {name!r} is no name for a surrogate; {is_name.__doc__}")
+            problems += [
+                f"surrogates.{name}: {name!r} is no name for a surrogate; {is_name.__doc__}"
+                for name in surrogates
+                if not is_name(str(name)) or str(name) == REFERENCE
+            ]
             surrogates = {str(name): _model(f"surrogates.{name}", one, problems) for name, one in surrogates.items()}
         if problems:
             raise UserError("\n".join(problems))

@@ -1,8 +1,8 @@
 """What a recovery must not claim: checks that a reader of an effect is owed, each with what it means.
 
 * lead placebo: the next window's action cannot cause this label. If it "explains" it, something else moves both.
-* robustness value (Cinelli and Hazlett 2020): what share of what is left of the label, and of the action, something that
-  was not measured would have to explain to bring an effect to nothing.
+* robustness value (Cinelli and Hazlett 2020): what share of what is left of the label, and of the action, something
+  that was not measured would have to explain to bring an effect to nothing.
 * labelled share: where labels are missing more often under some actions or states, they are no fair sample.
 * Durbin–Watson: 2 where residuals of windows that follow each other are not correlated.
 """
@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from credit.logged.linear import Fitting
+from credit.logged.fits.linear import Fitting
+from credit.logged.fits.ridge import solutions
 from credit.logged.models import windowed
 from credit.logged.panel import INTERCEPT, Column, Floats, Windows
 from credit.logged.recovering import Recovered
-from credit.logged.residuals import Layout, whiten
-from credit.logged.ridge import solutions
+from credit.logged.residuals.whitening import Layout, whiten
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -85,8 +85,8 @@ def _intercept(found: Recovered) -> int | None:
 def labelled_share(found: Recovered) -> pd.DataFrame:
     """For each feature and each of its values, or thirds of its numbers: which share of rows lies in labelled windows.
 
-    Columns: column, value, rows, labelled, differs (by more than three standard errors from that of all other rows, with
-    as many independent rows as windows).
+    Columns: column, value, rows, labelled, differs (by more than three standard errors from that of all rows, with as
+    many independent rows as windows).
     """
     import pandas as pd
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from credit.logged.mixture import mixed
+from credit.logged.fits.mixture import mixed
 from credit.logged.models import Pass, parts_of
 from credit.logged.panel import Column, Floats, Part
 from credit.logged.recovering import Recovered
@@ -39,8 +39,8 @@ class _Sum:
 def effects(found: Recovered) -> pd.DataFrame:
     """A row for each action (and each category of one) and model, the mixture last.
 
-    Columns: action, level (of a category), baseline, model, rows, effect (a row's mean), total, per_unit, per_cost, each
-    with _low and _high; told (whether the windows tell it), and note.
+    Columns: action, level (of a category), baseline, model, rows, effect (a row's mean), total, per_unit, per_cost,
+    each with _low and _high; told (whether the windows tell it), and note.
     """
     import pandas as pd
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from credit.core.errors import UserError, nearest
-from credit.logged.formulas import Terms
+from credit.logged.formulas.terms import Terms
 from credit.logged.panel import Floats, Panel, Part, Roles
 
 Sign = Literal["positive", "negative"]

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from credit.logged.mixture import mixed
+from credit.logged.fits.mixture import mixed
 from credit.logged.panel import Floats, Ints, Panel, Part
 from credit.logged.recovering import Recovered, recover
 
@@ -146,10 +146,8 @@ def _values(found: Recovered, half: np.ndarray, choice: Ints, credit: Floats) ->
     weight, direct, logged = np.empty(len(windows)), np.empty(len(windows)), np.empty(len(windows))
     for part in found.panel.parts():
         state, action = _codes(part, roles.states, found), _codes(part, roles.actions, found)
-        if roles.propensity is None:
-            taken = counts[state, action]
-        else:
-            taken = part.frame[roles.propensity].to_numpy(np.float64)
+        own_counts = roles.propensity is None
+        taken = counts[state, action] if own_counts else part.frame[roles.propensity].to_numpy(np.float64)
         with np.errstate(divide="ignore"):
             ratio = np.where(choice[state] == action, -np.log(taken), -np.inf)
         own = slice(int(part.window[0]), int(part.window[-1]) + 1)

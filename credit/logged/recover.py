@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from credit.core.errors import UserError, nearest
 from credit.logged.asking import Ask
-from credit.logged.opening import opened
 from credit.logged.recovering import Options
-from credit.logged.words import Words
+from credit.logged.tables.opening import opened
+from credit.logged.tables.words import Words
 
 if TYPE_CHECKING:
     from credit.core.seams import Mixer

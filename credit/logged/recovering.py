@@ -11,16 +11,16 @@ from annotated_types import Interval
 
 from credit.core.errors import UserError
 from credit.core.ranges import NonNegativeInt, PositiveInt
-from credit.logged.autocorrelation import estimated_rho
-from credit.logged.folds import Folds, folds_of
-from credit.logged.linear import Fitting, LinearFit
+from credit.logged.fits.folds import Folds, folds_of
+from credit.logged.fits.linear import Fitting, LinearFit
+from credit.logged.fits.moments import Moments
+from credit.logged.fits.odds import Bits, require_bits
+from credit.logged.fits.telling import Telling, remedied, told
+from credit.logged.fits.units import Units, units_of
 from credit.logged.models import Model, learned, windowed
-from credit.logged.moments import Moments
-from credit.logged.odds import Bits, require_bits
 from credit.logged.panel import Floats, Panel
-from credit.logged.residuals import Layout, whiten
-from credit.logged.telling import Telling, remedied, told
-from credit.logged.units import Units, units_of
+from credit.logged.residuals.autocorrelation import estimated_rho
+from credit.logged.residuals.whitening import Layout, whiten
 
 if TYPE_CHECKING:
     from credit.core.seams import Mixer
@@ -116,8 +116,8 @@ def _require_labels(panel: Panel) -> None:
     labels = panel.windows.label[panel.windows.labelled]
     if len(labels) < 2:
         raise UserError(
-            f"{panel.source}: {len(labels)} of {len(panel.windows)} windows has a label (column {panel.roles.label!r}), "
-            "and credit is learned from how labels differ; at least 2 are needed"
+            f"{panel.source}: {len(labels)} of {len(panel.windows)} windows has a label ({panel.roles.label}), and "
+            "credit is learned from how labels differ; at least 2 are needed"
         )
     if (labels == labels[0]).all():
         raise UserError(

@@ -9,11 +9,11 @@ import numpy as np
 
 from credit.logged import claims
 from credit.logged.effects import MIXTURE, effects
+from credit.logged.fits.telling import WEAK
 from credit.logged.models import Model
 from credit.logged.panel import Panel
 from credit.logged.recovering import Options, Recovered, recover
 from credit.logged.scoring import Judged, Scored, frames, scored
-from credit.logged.telling import WEAK
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from credit.logged.balance import balanced
-from credit.logged.folds import r_squared
-from credit.logged.mixture import mixed
+from credit.logged.fits.folds import r_squared
+from credit.logged.fits.mixture import mixed
 from credit.logged.models import Pass, aggregated, parts_of
 from credit.logged.panel import Floats, Part
 from credit.logged.recovering import Recovered
-from credit.logged.residuals import Layout, errors
+from credit.logged.residuals.balance import balanced
+from credit.logged.residuals.whitening import Layout, errors
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -49,7 +49,7 @@ class Judged:
 
     Attributes:
         fitted: what credit adds up to [W]. held_out: what is predicted of each label by fits that have not seen its
-            fold; of each model and the mixture, the last, [M + 1, W]. alike: the prediction that all rows are alike [W].
+            fold; of each model and the mixture, the last, [M + 1, W]. alike: predicted where all rows are alike [W].
             persistent: that a window is as the last one before it whose label the fits saw [W].
         r_squared: held out, of each model and the mixture, against `alike`; against `persistent` for the second row
             [2, M + 1]. For bits the Brier score takes the place of squared errors, which is the same sum.

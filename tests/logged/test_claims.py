@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from credit.logged.claims import durbin_watson, robustness_value
-from tests.logged.test_units import windows
+from tests.logged.fits.test_units import windows
 
 
 def test_durbin_watson_counts_pairs_of_a_group() -> None:
