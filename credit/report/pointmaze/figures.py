@@ -43,7 +43,7 @@ def methods(comparisons: Sequence[Comparison]) -> Iterator[Shown]:
 
 
 def maze_figures(comparisons: Sequence[Comparison], seed: int | None) -> dict[str, Figure | None]:
-    """Demonstrations, and of every method its trajectories and the maps of what it believes.
+    """Demonstrations, and of every method its trajectories and the maps of what it believes, and how far.
 
     Args:
         comparisons: one a setting; those that are no mazes are left out.
@@ -55,6 +55,7 @@ def maze_figures(comparisons: Sequence[Comparison], seed: int | None) -> dict[st
     mazes = [comparison for comparison in comparisons if comparison.is_maze]
     if not mazes:
         return {}
+    from credit.report.pointmaze.doubts import doubts_figure, load_doubts
     from credit.report.pointmaze.maps import beliefs_figure, load_beliefs
     from credit.report.pointmaze.pictures import demonstrations_figure, tracks_figure
 
@@ -69,4 +70,8 @@ def maze_figures(comparisons: Sequence[Comparison], seed: int | None) -> dict[st
         if beliefs is not None:
             who = f"seed {chosen['seed'].iloc[0]}" if beliefs.seeds == 1 else f"mean over {beliefs.seeds} seeds"
             figures[shown.file("maps")] = beliefs_figure(f"{shown.title}, {who}", beliefs)
+        doubts = load_doubts(chosen)
+        if doubts is not None:
+            who = f"seed {chosen['seed'].iloc[0]}" if doubts.seeds == 1 else f"mean over {doubts.seeds} seeds"
+            figures[shown.file("doubts")] = doubts_figure(f"{shown.title}, {who}", doubts)
     return figures
