@@ -16,7 +16,7 @@ from credit.report import style
 from credit.report.comparison import Comparison, summarise
 from credit.report.distribution import distribution_figure
 from credit.report.figures import curves_figure
-from credit.report.labels import row_names, title
+from credit.report.labels import circumstances, row_names, title
 from credit.report.looks import looks
 from credit.report.runs import load_runs
 
@@ -95,6 +95,12 @@ def test_a_title_says_the_experiment_what_is_common_and_how_many_seeds(many: Com
         title = " ".join(figure.get_suptitle().split())
         assert title == "advertiser, feedback=block_sum, trainer.steps=700, uncertainty.draws=20, n = 3 seeds"
         assert not any(axes.get_title() for axes in figure.axes)
+
+
+def test_a_picture_of_one_method_says_its_circumstances_once(many: Comparison) -> None:
+    common = "feedback=block_sum, trainer.steps=700, uncertainty.draws=20"
+    assert circumstances(many.runs, "default") == f" ({common})"
+    assert circumstances(many.runs, "uncertainty.draws=20") == f" ({common.rpartition(', ')[0]})"
 
 
 def test_what_all_variants_of_a_method_share_is_said_once(write_run: WriteRun, tmp_path: Path) -> None:

@@ -10,8 +10,8 @@ import pandas as pd
 
 from credit.report.comparison import Comparison
 from credit.report.groups import display_name
+from credit.report.labels import circumstances
 from credit.report.pointmaze.tracks import file_name, load_tracks, typical
-from credit.report.text import heading
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,9 +36,8 @@ def methods(comparisons: Sequence[Comparison]) -> Iterator[Shown]:
     """Every method and slug of every setting that is a maze."""
     for comparison in comparisons:
         if comparison.is_maze:
-            setting = f" ({heading(comparison.runs)})" if comparison.runs.setting.name else ""
             for method, slug, group in comparison.groups:
-                title = f"{comparison.runs.experiment}: {display_name(group)}{setting}"
+                title = f"{comparison.runs.experiment}: {display_name(group)}{circumstances(comparison.runs, slug)}"
                 yield Shown(comparison, group, title, method, slug)
 
 
