@@ -15,7 +15,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
-from credit.envs.pointmaze.maze import Maze
 from credit.report import style
 from credit.report.pointmaze.maps import BLUES, OUTLIERS, SHADES, chosen_refits, draw_row, empty, quiet, say_when
 from credit.report.pointmaze.tracks import Journal, has_tracks, load_tracks
@@ -95,20 +94,20 @@ def visited(journal: Journal, states: Array, trajectories: int) -> Array:
     counts = np.zeros(len(states))
     if not driven:
         return counts
-    rows, columns, fine = _pixels(journal.maze, states, states)
+    rows, columns, fine = _pixels(journal, states, states)
     number = np.full((int(fine * journal.maze.grid.shape[0]), int(fine * journal.maze.grid.shape[1])), -1)
     number[rows, columns] = np.arange(len(states))
-    down, across, _ = _pixels(journal.maze, states, np.concatenate(driven))
+    down, across, _ = _pixels(journal, states, np.concatenate(driven))
     inside = (down >= 0) & (down < number.shape[0]) & (across >= 0) & (across < number.shape[1])
     hit = number[down[inside], across[inside]]
     np.add.at(counts, hit[hit >= 0], 1)
     return counts
 
 
-def _pixels(maze: Maze, points: Array, places: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
+def _pixels(journal: Journal, points: Array, places: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
     """The row and the column of places [K, 2] in the raster of points, and its squares a metre."""
-    fine = round((len(points) / len(maze.free)) ** 0.5)
-    height, width = maze.grid.shape
+    fine = round((len(points) / len(journal.maze.free)) ** 0.5)
+    height, width = journal.maze.grid.shape
     down = np.floor((height / 2 - places[:, 1]) * fine).astype(np.int64)
     return down, np.floor((places[:, 0] + width / 2) * fine).astype(np.int64), fine
 
