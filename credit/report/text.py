@@ -132,7 +132,7 @@ def _verdicts(comparison: Comparison, measure: Measure) -> list[str]:
         if comparison.is_reference(row) or pd.isna(difference.low):
             continue
         verdict = ("lower" if difference.value < 0 else "higher") if difference.excludes_zero else "open"
-        numbers = f"{scale.number(difference.value, signed=True)} {scale.ends(difference, signed=True)}"
+        numbers = " ".join(scale.interval(difference, signed=True))
         found[verdict].append(f"{row['name']} {numbers}, n = {row[column + '_n']:.0f}")
     title, name = measure.title + scale.unit, comparison.reference_name
     openings = {
