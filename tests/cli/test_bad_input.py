@@ -8,6 +8,13 @@ import pytest
 TRAIN = "train"
 CASES = {
     "unknown option": ((TRAIN, "method=disagrement"), ["method=disagrement", "'disagreement'", "valid:"]),
+    "a path for an option": ((TRAIN, "experiment=../x"), ["experiment=../x: no such option", "advertiser"]),
+    "a path to an option": ((TRAIN, "mixer=../agent/sac"), ["mixer=../agent/sac: no such option", "relative_mse"]),
+    "an absolute path for an option": ((TRAIN, "method=/etc/x"), ["method=/etc/x: no such option", "disagreement"]),
+    "a path in a list": ((TRAIN, "bonus=[count,../x]"), ["bonus=../x: no such option", "local_mse"]),
+    "an option with a space": ((TRAIN, "method='a b'"), ["method=a b: no such option", "disagreement"]),
+    "no option at all": ((TRAIN, "method="), ["method=: no such option", "disagreement"]),
+    "an option of another group": ((TRAIN, "experiment=riverswim"), ["riverswim is an option of env", "env=riverswim"]),
     "unknown option in a list": ((TRAIN, "bonus=[cout]"), ["bonus=cout", "'count'", "local_mse"]),
     "unknown option of a packaged group": (
         (TRAIN, "reward@reference=rigde"),
@@ -52,6 +59,9 @@ CASES = {
         ["foo: unknown key", "bar: unknown key", "mixer.alpha='x'"],
     ),
     "a setting with dashes": ((TRAIN, "--seed", "3"), ["'--seed' is no option here", "write seed=3"]),
+    "a setting of two words": ((TRAIN, "seed", "3"), ["'seed 3'", "without spaces", "write seed=3"]),
+    "a setting with spaces": ((TRAIN, "mixer.alpha", "=", ".3"), ["'mixer.alpha = .3'", "write mixer.alpha=.3"]),
+    "a sweep of two words": ((TRAIN, "-m", "seed=", "1,2"), ["'seed= 1,2'", "write seed=1,2"]),
     "the sweeper": ((TRAIN, "hydra.sweeper.params={a:1}"), ["hydra.sweeper.params={a:1}", "has no effect"]),
     "an interval": ((TRAIN, "-m", "bonus.count.scale=interval(0,1)"), ["interval(0,1)", "range(0,1,.25)"]),
     "float for an integer": ((TRAIN, "seed=1.5"), ["seed=1.5", "integer"]),
