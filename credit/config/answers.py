@@ -91,6 +91,8 @@ def _unknown_key(key: str, overrides: list[str], config_dirs: Sequence[str], com
     """Name the deepest part of a key that exists, and the keys that could follow it, in a file or a constructor."""
     others = [text for text in overrides if text.lstrip("+~").partition("=")[0] != key]
     written = next((text for text in overrides if text not in others), key)
+    if (kind := key.partition("@")[0]) in KINDS and kind not in KINDS[kind].slots:
+        return f"{written!r}: behind {kind}@ stands where it goes, and nothing is there; {KINDS[kind].help}"
     node: Any = compose(others, config_dirs)
     parents: list[str] = []
     for part in key.split("."):

@@ -75,6 +75,8 @@ def _require_one_meaning(words: Sequence[str], config_dirs: Sequence[str]) -> No
     for parsed in map(parse, words):
         kind, named = str(parsed.key_or_group), parsed.value()
         if kind in {*KINDS, *CHOICES}:
+            if isinstance(named, list) and not (kind in KINDS and KINDS[kind].several):
+                raise UserError(f"{kind} is one option and no list; write {kind}=<option>, or several with -m: {kind}=a,b")
             for option in named if isinstance(named, list) else [named]:
                 if "/" in str(option):  # which Hydra would look for in another folder
                     raise UserError(answers.no_option(kind, str(option), config_dirs))

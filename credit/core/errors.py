@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable, Sequence
 
 RAISED = (Exception, SystemExit)  # whatever a part may raise: one that ends Python would end credit without a word
@@ -11,8 +12,12 @@ RAISED = (Exception, SystemExit)  # whatever a part may raise: one that ends Pyt
 class UserError(ValueError):
     """Something the user asked for cannot be done; the message says what, why, and what to do.
 
-    The command line prints it without a traceback and exits with code 2.
+    The command line prints it without a traceback and exits with code 2. What is valid in several of its lines is
+    listed in the last of them.
     """
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(listed_once(message))
 
 
 class UnknownKey(UserError):
@@ -33,6 +38,23 @@ class Misfit(UserError):
 
 class RunError(RuntimeError):
     """A run had to stop: the message names the window or component and the value; status becomes FAILED."""
+
+
+LISTING = re.compile(r"(?:;? )?(\(valid: [^()\n]*\))")
+
+
+def listed_once(message: str) -> str:
+    """A message whose lines repeat no list of what is valid that a later line has, too.
+
+    Example:
+        >>> listed_once("a: unknown; (valid: x, y)\\nb: unknown; did you mean 'x'? (valid: x, y)")
+        "a: unknown\\nb: unknown; did you mean 'x'? (valid: x, y)"
+    """
+    lines = message.split("\n")
+    for place, line in enumerate(lines):
+        behind = "\n".join(lines[place + 1 :])
+        lines[place] = LISTING.sub(lambda found: "" if found[1] in behind else found[0], line)
+    return "\n".join(lines)
 
 
 def nearest(name: str, valid: Iterable[str]) -> str:

@@ -12,6 +12,10 @@ CASES = {
     "a path to an option": ((TRAIN, "mixer=../agent/sac"), ["mixer=../agent/sac: no such option", "relative_mse"]),
     "an absolute path for an option": ((TRAIN, "method=/etc/x"), ["method=/etc/x: no such option", "disagreement"]),
     "a path in a list": ((TRAIN, "bonus=[count,../x]"), ["bonus=../x: no such option", "local_mse"]),
+    "a list where one belongs": ((TRAIN, "mixer=[best,uniform]"), ["mixer is one option and no list", "mixer=a,b"]),
+    "a list of methods": ((TRAIN, "method=[]"), ["method is one option and no list"]),
+    "a model without its place": ((TRAIN, "reward=dnn"), ["'reward=dnn'", "reward@reference=…"]),
+    "a model in no place": ((TRAIN, "reward@surrogates=dnn"), ["+reward@surrogates.NAME=…"]),
     "an option with a space": ((TRAIN, "method='a b'"), ["method=a b: no such option", "disagreement"]),
     "no option at all": ((TRAIN, "method="), ["method=: no such option", "disagreement"]),
     "an option of another group": ((TRAIN, "experiment=riverswim"), ["riverswim is an option of env", "env=riverswim"]),
@@ -285,3 +289,14 @@ def test_mistakes_inside_a_yaml_file(credit, folder, text, expected):
     for part in expected:
         assert part in ended.err
     assert [path.name for path in folder.iterdir()] == ["mine"]
+
+
+def test_what_is_valid_is_listed_once_for_all_keys_of_a_place(credit) -> None:
+    typed = ("train", "mixer.alfa=1", "mixer.epsilom=2", "mixer.x=3", "tile=a", "relica=2")
+    lines = credit(*typed, "method=adaptive_mse").err.splitlines()
+    for key in typed[1:]:
+        assert any(key in line and "unknown key" in line for line in lines), key
+    assert sum("(valid: alpha, epsilon)" in line for line in lines) == 1
+    assert sum("(valid: agent" in line for line in lines) == 1
+    assert any(line.endswith("did you mean 'alpha'?") for line in lines)
+    assert not any(line.rstrip().endswith(";") for line in lines)
