@@ -76,7 +76,9 @@ def _require_one_meaning(words: Sequence[str], config_dirs: Sequence[str]) -> No
         kind, named = str(parsed.key_or_group), parsed.value()
         if kind in {*KINDS, *CHOICES}:
             if isinstance(named, list) and not (kind in KINDS and KINDS[kind].several):
-                raise UserError(f"{kind} is one option and no list; write {kind}=<option>, or several with -m: {kind}=a,b")
+                raise UserError(
+                    f"{kind} is one option and no list; write {kind}=<option>, or several with -m: {kind}=a,b"
+                )
             for option in named if isinstance(named, list) else [named]:
                 if "/" in str(option):  # which Hydra would look for in another folder
                     raise UserError(answers.no_option(kind, str(option), config_dirs))
@@ -202,7 +204,9 @@ def require_words(overrides: Any, config_dirs: Any = ()) -> None:
             raise UserError(f"{name}: {wrong[0]!r} is a {type(wrong[0]).__name__}; give a list of words: [{like}]")
     for place, word in enumerate(overrides):
         if found := _apart(overrides[place:]):
-            raise UserError(f"{' '.join(found)!r}: a setting is one word, without spaces; write {word.rstrip('=')}={found[-1]}")
+            raise UserError(
+                f"{' '.join(found)!r}: a setting is one word, without spaces; write {word.rstrip('=')}={found[-1]}"
+            )
 
 
 def _apart(words: Sequence[str]) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable, Sequence
+from functools import partial
 
 RAISED = (Exception, SystemExit)  # whatever a part may raise: one that ends Python would end credit without a word
 
@@ -52,9 +53,13 @@ def listed_once(message: str) -> str:
     """
     lines = message.split("\n")
     for place, line in enumerate(lines):
-        behind = "\n".join(lines[place + 1 :])
-        lines[place] = LISTING.sub(lambda found: "" if found[1] in behind else found[0], line)
+        behind = {found[1] for later in lines[place + 1 :] for found in LISTING.finditer(later)}
+        lines[place] = LISTING.sub(partial(_unless, behind), line)
     return "\n".join(lines)
+
+
+def _unless(there: set[str], found: re.Match[str]) -> str:
+    return "" if found[1] in there else found[0]
 
 
 def nearest(name: str, valid: Iterable[str]) -> str:
