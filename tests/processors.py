@@ -1,4 +1,4 @@
-"""The numerical tests of `make test` again, under every other instruction set that this processor has: `make test-processors`.
+"""`make test-processors`: the numerical tests of `make test` under every other instruction set that there is.
 
 PyTorch, MKL, OpenBLAS and NumPy choose their code by what the processor can, and round by what they chose. Each has a
 switch of its own. To ask for what is not there is an illegal instruction, so only what the kernel lists is asked for.
