@@ -39,7 +39,7 @@ test: $(STAMP)
 test-thorough: $(STAMP)
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "thorough and not slow"
 
-# The numerical tests again under every other instruction set that this processor has.
+# The numerical tests of `make test` again under every other instruction set that this processor has.
 test-processors: $(STAMP)
 	$(BIN)/python tests/processors.py
 

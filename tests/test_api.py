@@ -37,6 +37,12 @@ def test_what_is_no_list_of_words(call: str, wrong: Any) -> None:
         getattr(credit, call)(["method=reference"], config_dirs="conf")
 
 
+@pytest.mark.parametrize("call", ["run", "check", "compose"])
+def test_several_values_are_a_sweep(call: str) -> None:
+    with pytest.raises(credit.UserError, match=r"'method=reference,delayed' names several values.*credit\.sweep"):
+        getattr(credit, call)(["method=reference,delayed"])
+
+
 def test_list() -> None:
     kinds = credit.list()
     assert "count" in kinds.loc["bonus", "options"]

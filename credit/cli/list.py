@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from credit.cli.common import Words
 from credit.cli.main import guarded
+from credit.cli.output import fitted
 from credit.config import classes, files
 from credit.config.kinds import CHOICES, KINDS
 from credit.config.layers import Layer
@@ -32,14 +34,15 @@ def main(argv: list[str]) -> int:
         for line in files.twice(kind).values():
             print(f"warning: {line}", file=sys.stderr)
         for name, path in files.options(kind, words.config_dirs).items():
-            print(f"  {name:<18} {files.describe_file(path)}")
+            print(fitted(f"  {name:<18} {files.describe_file(path)}"))
             try:
+                files.read(path)
                 lines = parameters(kind, path, words.config_dirs) if kind in KINDS else []
             except UserError as error:
                 print(f"warning: {kind}={name} is skipped: {error}", file=sys.stderr)
                 lines = []
             for line in lines:
-                print(f"  {'':<18}   {line}")
+                print(fitted(f"  {'':<18}   {line}"))
         print()
     for line in files.broken_packages():
         print(f"warning: a package is skipped: {line}", file=sys.stderr)
@@ -120,8 +123,12 @@ def wished(kind: str, path: Path, node: Mapping[str, Any], config_dirs: Sequence
 
 @lru_cache(maxsize=4)
 def _layers(config_dirs: tuple[str, ...], stamp: object) -> dict[str, Layer]:
-    """What each experiment says of others' keys."""
-    return {name: Layer.of(name, "", config_dirs) for name in files.options("experiment", config_dirs)}
+    """What each experiment says of others' keys; one that cannot be read says nothing."""
+    found = {}
+    for name in files.options("experiment", config_dirs):
+        with suppress(UserError):
+            found[name] = Layer.of(name, "", config_dirs)
+    return found
 
 
 def shown(value: object) -> str:

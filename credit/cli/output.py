@@ -5,7 +5,10 @@ from __future__ import annotations
 import codecs
 import contextlib
 import os
+import re
+import shutil
 import sys
+import textwrap
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -109,6 +112,18 @@ def page(width: int = 100, markup: bool = False) -> Console:
     if not console.is_terminal:
         console.width = width
     return console
+
+
+def fitted(line: str) -> str:
+    """A line no wider than the terminal, its rest below where its last column begins; whole in a file or a pipe."""
+    width = shutil.get_terminal_size().columns
+    if not sys.stdout.isatty() or len(line) <= width:
+        return line
+    margin = len(line) - len(line.lstrip())
+    columns = [gap.end() for gap in re.finditer(r"\S {2,}(?=\S)", line) if gap.end() <= width // 2]
+    behind = " " * max([margin + 2, *columns])
+    folded = textwrap.wrap(line, width, subsequent_indent=behind, break_long_words=False, break_on_hyphens=False)
+    return "\n".join(folded)
 
 
 @contextlib.contextmanager

@@ -11,7 +11,8 @@ from typing import Any
 from credit.cli.common import Words
 from credit.cli.list import parameters, shown
 from credit.cli.main import guarded
-from credit.config import classes, files, registry
+from credit.cli.output import fitted
+from credit.config import answers, classes, files, registry
 from credit.config.kinds import CHOICES, KINDS
 from credit.core import source
 from credit.core.errors import UserError, nearest
@@ -38,7 +39,7 @@ def main(argv: list[str]) -> int:
         require(kind, option, words.config_dirs)
     for number, (kind, option) in enumerate(named):
         lines = choice if kind in CHOICES else part
-        print("\n" * (number > 0) + "\n".join(lines(kind, option, words.overrides, words.config_dirs)))
+        print("\n" * (number > 0) + "\n".join(map(fitted, lines(kind, option, words.overrides, words.config_dirs))))
     return 0
 
 
@@ -59,8 +60,8 @@ def require(kind: str, option: str, config_dirs: Sequence[str]) -> None:
     """
     if kind not in {**CHOICES, **KINDS}:
         raise UserError(f"{kind!r} is no kind; {nearest(kind, [*CHOICES, *KINDS])}")
-    if option not in (known := files.options(kind, config_dirs)):
-        raise UserError(f"{kind}={option}: no such option; {nearest(option, known)}")
+    if option not in files.options(kind, config_dirs):
+        raise UserError(answers.no_option(kind, option, config_dirs))
 
 
 def part(kind: str, option: str, words: Sequence[str], config_dirs: Sequence[str]) -> list[str]:

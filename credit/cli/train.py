@@ -31,6 +31,7 @@ def main(argv: list[str]) -> int:
         from credit.cli.check import configuration
 
         return configuration(words)
+    registry.require_words(words.overrides)
     multirun = several(words)
     if not multirun and (swept := [text for text in words.overrides if registry.is_sweep(text)]):
         raise UserError(f"{swept[0]!r} names several values: add -m to run a sweep, or give one")

@@ -117,6 +117,7 @@ def _require_words(overrides: Sequence[str]) -> None:
     from credit.config import registry
     from credit.config.kinds import CHOICES, CIRCUMSTANCES, KINDS, STARTS
 
+    registry.require_words(overrides)
     problems = []
     fixed = {*CHOICES, *CIRCUMSTANCES, *STARTS, "env", "feedback"}
     for text in overrides:

@@ -36,9 +36,9 @@ def explain(error: Exception, overrides: Sequence[str], config_dirs: Sequence[st
     written = re.findall(r"(?:Interpolation key|Could not override) '([\w.]+)'", message)
     if old := next((text for text in (*overrides, *written) if instead(text)), None):
         return f"{old}: this is gone; {instead(old)}"
-    if found := re.search(r"Could not (?:load|find) '([\w/@.]+)/([\w.-]+)'", message):
+    if found := re.search(r"Could not (?:load|find) '((?:hydra/)?[\w@.]+)/([^']*)'", message):
         group, option = found[1].partition("@")[0], found[2]
-        return f"{group}={option}: no such option; {nearest(option, files.options(group, config_dirs))}"
+        return no_option(group, option, config_dirs)
     found = re.search(r"Could not delete '([\w@./]+)'", message)
     if found and found[1] in KINDS and KINDS[group := found[1]].several:
         return f"'~{group}': {group} is a list of options; {group}=[] is none of them, {group}=[<option>] another"
@@ -52,6 +52,15 @@ def explain(error: Exception, overrides: Sequence[str], config_dirs: Sequence[st
                 known = ", ".join(files.options(kind, config_dirs)) if kind else ", ".join([*KINDS, *CHOICES])
                 return f"{text!r}: no name of an option; valid: {known}"
     return re.sub(r"\s*\n\s*", "; ", message.strip())
+
+
+def no_option(group: str, option: str, config_dirs: Sequence[str]) -> str:
+    """What to say of an option that a group lacks: what it is elsewhere, or else the nearest one."""
+    known = files.options(group, config_dirs)
+    for other in (*KINDS, *CHOICES):
+        if option not in known and option in files.options(other, config_dirs):
+            return f"{group}={option}: no such option; {option} is an option of {other}, write {other}={option}"
+    return f"{group}={option}: no such option; {nearest(option, known)}"
 
 
 def of_constructor(
@@ -82,6 +91,8 @@ def _unknown_key(key: str, overrides: list[str], config_dirs: Sequence[str], com
     """Name the deepest part of a key that exists, and the keys that could follow it, in a file or a constructor."""
     others = [text for text in overrides if text.lstrip("+~").partition("=")[0] != key]
     written = next((text for text in overrides if text not in others), key)
+    if (kind := key.partition("@")[0]) in KINDS and kind not in KINDS[kind].slots:
+        return f"{written!r}: behind {kind}@ stands where it goes, and nothing is there; {KINDS[kind].help}"
     node: Any = compose(others, config_dirs)
     parents: list[str] = []
     for part in key.split("."):

@@ -97,10 +97,25 @@ def read(path: Path) -> dict[str, Any]:
     return deepcopy(_read(path, found.st_mtime_ns, found.st_size))
 
 
+class _Loader(yaml.SafeLoader):
+    """A loader of plain data that refuses a key which is written twice, as Hydra does; PyYAML takes the last."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        lines: dict[str, int] = {}
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode) and (first := lines.setdefault(key.value, at := _line(key))) != at:
+                raise yaml.YAMLError(f"the key {key.value} is written twice, in lines {first} and {at}")
+        return super().construct_mapping(node, deep)
+
+
+def _line(node: yaml.Node) -> int:
+    return int(node.start_mark.line) + 1
+
+
 @lru_cache(maxsize=1024)  # a list of all parts reads each file a hundred times
 def _read(path: Path, changed: int, size: int) -> dict[str, Any]:
     try:
-        found = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
+        found = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader) or {}
     except UnicodeDecodeError as error:
         raise UserError(_no_text(path, error)) from None
     except yaml.YAMLError as error:

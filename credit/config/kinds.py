@@ -51,7 +51,7 @@ KINDS = {
         ("reference", "surrogates"),
         "reward models: reward@reference=…, +reward@surrogates.NAME=…",
     ),
-    "features": Kind("credit.core.seams:FeatureMap", (), "what a reward model looks at"),
+    "features": Kind("credit.core.seams:FeatureMap", (), "what a reward model looks at: features@reference.features=…"),
     "uncertainty": Kind("credit.core.seams:Uncertainty", ("uncertainty",), "how far a fit can be trusted"),
     "mixer": Kind("credit.core.seams:Mixer", ("mixer",), "MSE proxies → weights of the models"),
     "bonus": Kind(

@@ -53,6 +53,11 @@ def compose(overrides: Sequence[str] = (), config_dirs: Sequence[str] = ()) -> d
     require_words(overrides, config_dirs)
     if named := [text for text in overrides if is_sweep_file(text)]:
         raise UserError(f"{named[0]!r} is a sweep of many jobs, and this is one; `credit train -m {named[0]}` runs it")
+    if swept := [text for text in overrides if is_sweep(text)]:
+        raise UserError(
+            f"{swept[0]!r} names several values, and this is one job; credit.sweep([...]) runs a job of each, as "
+            "`credit train -m` does"
+        )
     words = with_budget(with_experiment(overrides, config_dirs))
     for text in overrides:
         if (first := str(parse(text).key_or_group).partition(".")[0]) in ROLES:
@@ -70,7 +75,13 @@ def _require_one_meaning(words: Sequence[str], config_dirs: Sequence[str]) -> No
     for parsed in map(parse, words):
         kind, named = str(parsed.key_or_group), parsed.value()
         if kind in {*KINDS, *CHOICES}:
+            if isinstance(named, list) and not (kind in KINDS and KINDS[kind].several):
+                raise UserError(
+                    f"{kind} is one option and no list; write {kind}=<option>, or several with -m: {kind}=a,b"
+                )
             for option in named if isinstance(named, list) else [named]:
+                if "/" in str(option):  # which Hydra would look for in another folder
+                    raise UserError(answers.no_option(kind, str(option), config_dirs))
                 mine = [file for folder in own if (file := folder / kind / f"{option}.yaml").exists()]
                 for file in mine:
                     if not files.read(file) and kind in KINDS:
@@ -191,6 +202,19 @@ def require_words(overrides: Any, config_dirs: Any = ()) -> None:
         several = isinstance(given, Sequence) and not isinstance(given, str)
         if wrong := [item for item in (given if several else [given]) if not (several and isinstance(item, str))]:
             raise UserError(f"{name}: {wrong[0]!r} is a {type(wrong[0]).__name__}; give a list of words: [{like}]")
+    for place, word in enumerate(overrides):
+        if found := _apart(overrides[place:]):
+            raise UserError(
+                f"{' '.join(found)!r}: a setting is one word, without spaces; write {word.rstrip('=')}={found[-1]}"
+            )
+
+
+def _apart(words: Sequence[str]) -> list[str]:
+    """The words that begin here, where they are a key and a value with a space between."""
+    if not re.fullmatch(r"\+*[A-Za-z][\w.@/]*=?", words[0]):
+        return []
+    found = [*words[: 3 if [*words[1:2]] == ["="] else 2]]
+    return found if len(found) > 1 and "=" not in found[-1].lstrip("=") and found[-1].strip("=") else []
 
 
 def is_sweep(override: str) -> bool:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable, Sequence
+from functools import partial
 
 RAISED = (Exception, SystemExit)  # whatever a part may raise: one that ends Python would end credit without a word
 
@@ -11,8 +13,12 @@ RAISED = (Exception, SystemExit)  # whatever a part may raise: one that ends Pyt
 class UserError(ValueError):
     """Something the user asked for cannot be done; the message says what, why, and what to do.
 
-    The command line prints it without a traceback and exits with code 2.
+    The command line prints it without a traceback and exits with code 2. What is valid in several of its lines is
+    listed in the last of them.
     """
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(listed_once(message))
 
 
 class UnknownKey(UserError):
@@ -33,6 +39,27 @@ class Misfit(UserError):
 
 class RunError(RuntimeError):
     """A run had to stop: the message names the window or component and the value; status becomes FAILED."""
+
+
+LISTING = re.compile(r"(?:;? )?(\(valid: [^()\n]*\))")
+
+
+def listed_once(message: str) -> str:
+    """A message whose lines repeat no list of what is valid that a later line has, too.
+
+    Example:
+        >>> listed_once("a: unknown; (valid: x, y)\\nb: unknown; did you mean 'x'? (valid: x, y)")
+        "a: unknown\\nb: unknown; did you mean 'x'? (valid: x, y)"
+    """
+    lines = message.split("\n")
+    for place, line in enumerate(lines):
+        behind = {found[1] for later in lines[place + 1 :] for found in LISTING.finditer(later)}
+        lines[place] = LISTING.sub(partial(_unless, behind), line)
+    return "\n".join(lines)
+
+
+def _unless(there: set[str], found: re.Match[str]) -> str:
+    return "" if found[1] in there else found[0]
 
 
 def nearest(name: str, valid: Iterable[str]) -> str:

@@ -17,6 +17,7 @@ from credit.core.streams import Queues, Stream
 
 Window = PositiveInt | list[PositiveInt]
 Cut = Literal["label", "drop"]
+RARE = 0.9  # share of missing labels from which on a user is told
 
 
 class Labels(Feedback):
@@ -84,6 +85,13 @@ class Labels(Feedback):
                 same = lengths == length
                 found[same] = self._ruled(rewards[same][:, :length].contiguous())
         return self._noisy(found, lengths > 0)
+
+    def remark(self) -> str:
+        """How few labels come, where hardly any do."""
+        if self.missing < RARE:
+            return ""
+        share = 1 / (1 - self.missing)
+        return f"feedback.missing={self.missing}: of {share:.3g} windows one gets a label, all that is learned from"
 
     def _ruled(self, rewards: Tensor) -> Tensor:
         found = self.rule(rewards)

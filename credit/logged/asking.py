@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from keyword import iskeyword
 from typing import TYPE_CHECKING, Any
 
 from credit.core import signatures
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
 
 MODEL = ("formula", "regularization", "sign")
 REFERENCE = "reference"
+CARRIED = 8  # actions at most for which it is tried unasked what is carried on
 PLAIN = "actions"  # the surrogate where none is given
 
 
@@ -76,11 +79,15 @@ class Ask:
         Raises:
             UserError: a formula that is none, or a sign of what is not in it.
         """
-        found = [_made(REFERENCE, REFERENCE, self.reference, panel)]
+        roles = panel.roles
+        actions = _carried(panel)
+        reference = dict(self.reference)
+        if reference.get("formula") is None and actions:
+            reference["formula"] = " + ".join(["1", *actions, *map(quoted, roles.states)])
+        found = [_made(REFERENCE, REFERENCE, reference, panel)]
         surrogates = self.surrogates
         if surrogates is None:
-            roles = panel.roles
-            plain = " + ".join(["1", *(_quoted(name) for name in roles.actions)])
+            plain = " + ".join(["1", *(actions or map(quoted, roles.actions))])
             surrogates = {PLAIN: {"formula": plain}} if roles.actions and roles.states else {}
         found += [_made(f"surrogates.{name}", name, one, panel) for name, one in surrogates.items()]
         for model in found:
@@ -95,8 +102,22 @@ class Ask:
         return LoggedCredit.of(panel, self.models(panel), self.mixer or RelativeMSE(), self.options)
 
 
-def _quoted(name: str) -> str:
-    return name if name.isidentifier() else f"`{name}`"
+def _carried(panel: Panel) -> list[str]:
+    """Terms of actions that may act on later rows, too, where it can be tried: folds choose how much is carried on.
+
+    There is an order in time, actions are few, and those that are numbers are amounts.
+    """
+    roles = panel.roles
+    numbers = [name for name in roles.actions if panel.columns[name].levels is None]
+    if roles.time is None or not numbers or len(numbers) > CARRIED or importlib.util.find_spec("formulaic") is None:
+        return []
+    amounts = {name for name in numbers if panel.columns[name].least >= 0 and name not in roles.stock}
+    return [f"adstock({quoted(name)})" if name in amounts else quoted(name) for name in roles.actions]
+
+
+def quoted(name: str) -> str:
+    """A column's name as a formula has it."""
+    return name if name.isidentifier() and not iskeyword(name) else f"`{name}`"
 
 
 def _model(path: str, given: Any, problems: list[str]) -> dict[str, Any]:

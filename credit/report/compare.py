@@ -132,7 +132,16 @@ def compare(
     folder = report or output / "reports" / folder_name(experiment, chosen)
     if report:
         _require_own(folder)
-    runs = load_runs(output, experiment, methods=methods, slugs=slugs, seed=seed, replicas=replicas, commits=commits)
+    runs = load_runs(
+        output,
+        experiment,
+        methods=methods,
+        slugs=slugs,
+        seed=seed,
+        replicas=replicas,
+        commits=commits,
+        where=where,
+    )
     paper = load_paper(experiment)
     parts = runs.by_setting(feedback, where)
     if reference is not None:

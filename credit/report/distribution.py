@@ -14,7 +14,7 @@ from credit.report.columns import scores_of
 from credit.report.comparison import Comparison, interval_of
 from credit.report.groups import Key
 from credit.report.labels import letters
-from credit.report.looks import LETTER, LINE, PLOT, RATE, Look, frame, looks, panels
+from credit.report.looks import APART, LETTER, LINE, PLOT, RATE, Look, frame, looks, panels
 from credit.report.text import heading
 from credit.runs.intervals import Array
 
@@ -67,14 +67,17 @@ def _draw(axes: Axes, comparison: Comparison, styles: Mapping[Key, Look], places
         place, colour, middle = places[key], styles[key].colour, middles[key]
         # The golden ratio spreads neighbours evenly, so that no random numbers are needed.
         jitter = (np.argsort(np.argsort(scores)) * 0.618034 % 1 - 0.5) * 0.5
-        axes.scatter(scores, place + jitter, s=9, color=colour, alpha=0.45, linewidths=0)
+        inside = not comparison.primary.rate  # half of a point at an end of a rate's axis is beyond it
+        axes.scatter(scores, place + jitter, s=9, color=colour, alpha=0.45, linewidths=0, clip_on=inside)
         if not np.isnan(middle.low):
-            axes.plot([middle.low, middle.high], [place, place], color="black", linewidth=1.6, zorder=4)
-        axes.plot(middle.value, place, "o", markersize=5.5, color=colour, markeredgecolor="black", zorder=5)
+            axes.plot([middle.low, middle.high], [place, place], color="black", linewidth=1.6, zorder=4, clip_on=inside)
+        (circle,) = axes.plot(middle.value, place, "o", markersize=5.5, color=colour, zorder=5, clip_on=inside)
+        circle.set_markeredgecolor("black")
     together = np.concatenate(list(every.values()))
     if comparison.primary.rate:
-        low, high = axes.get_xlim()
+        low, high = axes.get_xlim() if np.ptp(together) else RATE
         axes.set_xlim(max(low, RATE[0]), min(high, RATE[1]))
+        axes.tick_params(axis="y", pad=APART + 2)
     remark = "" if comparison.primary.rate else style.spread_out(axes, together)
     axes.xaxis.set_major_formatter(FuncFormatter(style.thousands))
     if comparison.counts_trapped and together.max() > comparison.trapped_above:

@@ -14,7 +14,7 @@ from credit.report import style
 from credit.report.comparison import Comparison
 from credit.report.groups import Key
 from credit.report.labels import letters
-from credit.report.looks import LETTER, LINE, MARGIN, PLOT, RATE, Look, frame, looks, panels
+from credit.report.looks import APART, LETTER, LINE, MARGIN, PLOT, RATE, Look, frame, looks, panels
 from credit.report.measures import AVERAGED, AVERAGED_WORTH, SUCCESS, WORTH, Measure
 from credit.report.runs import load_curves
 from credit.report.text import heading
@@ -145,12 +145,15 @@ def _draw(axes: Axes, lines: list[Curve], measure: Measure, limits: tuple[float,
     shade = 0.16 * min(1.0, MANY / len(lines)) ** 2
     for line in lines:
         axes.fill_between(line.steps, line.low, line.high, color=line.look.colour, alpha=shade, linewidth=0)
-        axes.plot(line.steps, line.mean, color=line.look.colour, linestyle=line.look.dashes)
+        # half of a line at an end of a rate's axis is beyond it
+        axes.plot(line.steps, line.mean, color=line.look.colour, linestyle=line.look.dashes, clip_on=not measure.rate)
         if len(line.steps) == 1:  # of which neither a line nor an area is seen
             axes.vlines(line.steps, line.low, line.high, color=line.look.colour, linewidth=1, clip_on=False)
             axes.plot(line.steps, line.mean, "o", color=line.look.colour, clip_on=False)
     axes.set_xlim(0, end)
     axes.set_ylim(*limits)
+    if measure.rate:
+        axes.spines["bottom"].set_position(("outward", APART))
     axes.grid(axis="y")
     axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
     axes.xaxis.set_major_formatter(FuncFormatter(style.thousands))

@@ -44,6 +44,20 @@ def display_name(group: pd.DataFrame) -> str:
     return name if slug == DEFAULT else f"{name} ({slug})"
 
 
+def several_titles(frame: pd.DataFrame) -> str:
+    """What is to be said where runs of one row were given different titles; empty where they were not."""
+    parts = []
+    for method, slug, group in ordered_groups(frame):
+        if group["name"].nunique() > 1:
+            by_title = group.sort_values("seed").groupby("name", sort=False)["seed"]
+            titles = ", ".join(f"{title!r} (seeds {', '.join(map(str, seeds))})" for title, seeds in by_title)
+            row = method if slug == DEFAULT else f"{method}/{slug}"
+            parts.append(f"{row} has {titles} and is called {display_name(group)}")
+    if not parts:
+        return ""
+    return f"Runs of one row have several titles, which are for display and tell no runs apart: {'; '.join(parts)}."
+
+
 def best_first(keys: Iterable[Key], means: Mapping[Key, float], lower_is_better: bool) -> list[Key]:
     """Methods and variants by their means; those without one come last, equal ones stay as they are."""
     sign = 1.0 if lower_is_better else -1.0

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from credit.core.naming import short_keys
 from credit.report.comparison import Comparison
 from credit.report.groups import Key
+from credit.report.runs import Runs
 from credit.report.text import heading, span
 from credit.report.variants import overrides
 
@@ -31,6 +32,18 @@ def title(comparisons: Sequence[Comparison]) -> str:
     counted = f"n = {seeds} {'seed' if seeds == '1' else 'seeds'}"
     said = ", ".join([runs.experiment, *dict.fromkeys([*setting, *common]), counted])
     return "; ".join([said, *own])
+
+
+def circumstances(runs: Runs, slug: str) -> str:
+    """What is said in brackets behind a method's name: its setting, and what was typed for all runs of this.
+
+    Args:
+        runs: of one setting. slug: what the method's name says already.
+    """
+    typed = _in_all(overrides(str(words)) for words in runs.frame["typed"])
+    said = overrides(slug)
+    words = dict.fromkeys(word for word in (*heading(runs).split(), *typed) if word not in said)
+    return f" ({', '.join(words)})" if words else ""
 
 
 def common_overrides(comparisons: Sequence[Comparison]) -> tuple[list[str], Mapping[str, list[str]]]:

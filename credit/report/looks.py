@@ -18,7 +18,8 @@ from credit.report.labels import row_names, title
 COLUMNS = 2  # panels side by side
 PLOT, LETTER, LINE = 4.4, 0.066, 0.145  # inches: a panel without names, a letter of these, a line of them
 MARGIN = 0.02  # of an axis, beyond what is drawn: what lies at 0 is seen
-RATE = (-MARGIN, 1 + MARGIN)  # the axis of a rate
+RATE = (0.0, 1.0)  # the axis of a rate
+APART = 5.0  # points between it and the other axis: what lies at 0 is seen
 
 
 @dataclass(frozen=True)

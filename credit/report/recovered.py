@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from credit.core.errors import UserError
 from credit.report.groups import display_name, ordered_groups
+from credit.report.labels import circumstances
 from credit.report.reading import arrays
 from credit.report.runs import Runs
 from credit.report.statistics import Array
-from credit.report.text import heading
 
 FILE = "recovery.npz"
 MOST_CELLS = 60
@@ -81,9 +81,10 @@ def recovered_maps(runs: Runs, seed: int | None = None, doubts: bool = False) ->
         UserError: the seed is not among the runs, or a file of them is damaged.
     """
     groups = sorted(ordered_groups(runs.frame), key=lambda entry: entry[0] != "disagreement")
-    group = next((frame for _, _, frame in groups if _recovery_file(frame["folder"].iloc[0]).exists()), None)
-    if group is None:
+    found = next((entry for entry in groups if _recovery_file(entry[2]["folder"].iloc[0]).exists()), None)
+    if found is None:
         return None
+    _, slug, group = found
     name = display_name(group)
     if seed is not None and seed not in set(group["seed"]):
         raise UserError(
@@ -92,8 +93,7 @@ def recovered_maps(runs: Runs, seed: int | None = None, doubts: bool = False) ->
         )
     chosen = group if seed is None else group[group["seed"] == seed]
     who = f"seed {chosen['seed'].iloc[0]}" if len(chosen) == 1 else f"mean over {len(chosen)} seeds"
-    setting = f" ({heading(runs)})" if runs.setting.name else ""
-    return _maps(f"{runs.experiment}: {name}{setting}, end of training, {who}", chosen, doubts)
+    return _maps(f"{runs.experiment}: {name}{circumstances(runs, slug)}, end of training, {who}", chosen, doubts)
 
 
 def _recovery_file(folder: str) -> Path:

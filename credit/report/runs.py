@@ -17,7 +17,7 @@ from credit.report.missing import Asked, nothing_found, require_methods
 from credit.report.provenance import COLUMNS as CODE
 from credit.report.provenance import choose_commits
 from credit.report.reading import read_run, setting_of_unfinished, whole_name
-from credit.report.settings import Setting, choose_settings
+from credit.report.settings import Setting, choose_settings, has
 from credit.report.variants import choose_variants, variant
 from credit.runs.rows import JOURNAL, read_rows, require_columns, unusable
 
@@ -92,6 +92,7 @@ def load_runs(
     seed: int | None = None,
     replicas: int | None = None,
     commits: Sequence[str] | None = None,
+    where: Mapping[str, Any] | None = None,
 ) -> Runs:
     """Load the final metrics of every finished run that was asked for.
 
@@ -104,13 +105,15 @@ def load_runs(
         seed: the first seed; seeds below it are left out.
         replicas: how many seeds from `seed` (or 0) on; all by default.
         commits: only runs that were made by these commits, by their first digits; all by default.
+        where: values of the settings that will be looked at (`by_setting` chooses them): of others, runs that are
+            damaged are left out.
 
     Returns:
         The runs, sorted by method, slug and seed.
 
     Raises:
         UserError: nothing finished was found, a method, variant or commit that was asked for has no finished run, or
-            runs of one setting, method and slug come from different configurations.
+            runs of one setting, method and slug come from different configurations; or a run is damaged.
     """
     first = seed or 0
     last = first + replicas if replicas is not None else None
@@ -137,7 +140,12 @@ def load_runs(
         ):
             continue
         if (folder / "DONE").exists():
-            rows.append(read_run(folder, settings, typed[folder.parent]))
+            try:
+                rows.append(read_run(folder, settings, typed[folder.parent]))
+            except UserError:
+                setting = setting_of_unfinished(folder)
+                if not setting or has(setting, where or {}):
+                    raise
         else:
             unfinished.append(folder)
     asked = Asked(output, experiment, methods, seed, replicas)

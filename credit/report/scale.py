@@ -84,11 +84,16 @@ class Scale:
         """The unit of the last digit."""
         return 10.0 ** (self.exponent - self.decimals)
 
-    def ends(self, interval: Interval, signed: bool = False) -> str:
-        """`[low, high]`, or nothing where there is no interval."""
+    def interval(self, interval: Interval, signed: bool = False) -> tuple[str, str]:
+        """The value and `[low, high]`, empty where there is none; in a wide column its width sets the digits."""
         if pd.isna(interval.low):
-            return ""
-        return f"[{self.number(interval.low, signed)}, {self.number(interval.high, signed)}]"
+            return self.number(interval.value, signed), ""
+        half = (interval.high - interval.low) / 2
+        if self.wide and half > 0:
+            value, low, high = (_alone(number, max(_digits(half), 0), signed) for number in interval)
+        else:
+            value, low, high = (self.number(number, signed) for number in interval)
+        return value, f"[{low}, {high}]"
 
 
 def _fixed(value: float, decimals: int, signed: bool = False) -> str:

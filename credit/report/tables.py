@@ -166,7 +166,7 @@ def _differences(comparison: Comparison) -> Grid:
 
 def _interval(scale: Scale, row: Row, name: str, signed: bool = False) -> Cell:
     interval = interval_of(row, name)
-    return scale.number(interval.value, signed), scale.ends(interval, signed)
+    return scale.interval(interval, signed)
 
 
 def _to_csv(tables: Sequence[tuple[str, pd.DataFrame]]) -> str:

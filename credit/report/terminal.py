@@ -39,11 +39,12 @@ def _titles(comparison: Comparison) -> tuple[list[Key], list[str], list[str]]:
 
 
 def _numbers(comparison: Comparison, width: int) -> dict[Key, str]:
-    """A number for each row whose variant would take too much of the width."""
+    """A number for each row whose variant would take too much of the width; the same variant has the same one."""
     keys, methods, names = _titles(comparison)
     rows = zip(keys, methods, names, strict=True)
     long = [key for key, method, name in rows if name != method and _size(two_lines(name)) > width // SHARE]
-    return {key: f"#{number}" for number, key in enumerate(long, 1)}
+    places = {slug: number for number, slug in enumerate(dict.fromkeys(slug for _, slug in long), 1)}
+    return {key: f"#{places[key[1]]}" for key in long}
 
 
 def _name(row: tuple[Key, str, str], numbers: dict[Key, str], width: int) -> str:
@@ -59,7 +60,7 @@ def _legend(numbers: dict[Key, str], width: int) -> Table:
     table = Table(title="Variants, by their numbers below", box=None, show_header=False, pad_edge=False)
     table.title_justify, table.title_style, table.padding = "left", "bold", (0, GAP - 1, 0, 0)
     room = width - GAP - max(map(len, numbers.values()))
-    for (_, slug), number in numbers.items():
+    for slug, number in {slug: number for (_, slug), number in numbers.items()}.items():
         lines = textwrap.wrap(", ".join(overrides(slug)), room, break_on_hyphens=False)
         table.add_row(number, Text("\n".join(lines).replace(", ", ","), overflow="fold"))
     return table

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 import pandas as pd
 
 from credit.report.comparison import Comparison, interval_of
+from credit.report.groups import several_titles
 from credit.report.measures import AUC, AUC_OF_RETURN, Measure
 from credit.report.provenance import differing_code
 from credit.report.runs import Runs
@@ -35,8 +36,8 @@ def span(numbers: Iterable[int]) -> str:
 
 def remarks(comparison: Comparison) -> list[str]:
     """What sets these runs apart from others, and whether they may stand in one table at all."""
-    own = describe(comparison.runs.setting.own)
-    return [*([f"Here: {own}."] if own else []), *filter(None, [differing_code(comparison.runs.frame)])]
+    own, frame = describe(comparison.runs.setting.own), comparison.runs.frame
+    return [*([f"Here: {own}."] if own else []), *filter(None, [differing_code(frame), several_titles(frame)])]
 
 
 def caption(*comparisons: Comparison) -> str:
@@ -132,7 +133,7 @@ def _verdicts(comparison: Comparison, measure: Measure) -> list[str]:
         if comparison.is_reference(row) or pd.isna(difference.low):
             continue
         verdict = ("lower" if difference.value < 0 else "higher") if difference.excludes_zero else "open"
-        numbers = f"{scale.number(difference.value, signed=True)} {scale.ends(difference, signed=True)}"
+        numbers = " ".join(scale.interval(difference, signed=True))
         found[verdict].append(f"{row['name']} {numbers}, n = {row[column + '_n']:.0f}")
     title, name = measure.title + scale.unit, comparison.reference_name
     openings = {

@@ -16,6 +16,15 @@ CONFIDENCE = 0.95
 SHARE: Bounds = (0.0, 1.0)  # a rate lies here
 GAP: Bounds = (-1.0, 1.0)  # and the difference of two rates here
 POSITIVE: Bounds = (0.0, math.inf)  # a mean square error is never below 0
+# What is never below 0 → what else the run has where that is so, if not always: the regret of steps that are taken may
+# be, since they may earn more than g* does; that of a policy's value may not.
+NEVER_NEGATIVE = {
+    "reward/mse": "",
+    "regret/share": "",
+    "regret/cumulative": "regret/share",
+    "regret/auc": "regret/share",
+    "eval/length": "",
+}
 
 
 def is_rate(metric: str, rates: Mapping[str, str], known: Collection[str]) -> bool:
@@ -34,6 +43,21 @@ def is_rate(metric: str, rates: Mapping[str, str], known: Collection[str]) -> bo
         if metric == stem or metric.startswith((f"{stem}_", f"{stem}/")):
             return not needed or needed in known
     return False
+
+
+def bounds_of(metric: str, rates: Mapping[str, str], known: Collection[str]) -> Bounds | None:
+    """Where means of a metric lie, if that is known.
+
+    Args:
+        metric, rates, known: as in `is_rate`.
+
+    Example:
+        >>> bounds_of("reward/mse", {}, ["reward/mse"])
+        (0.0, inf)
+    """
+    if is_rate(metric, rates, known):
+        return SHARE
+    return POSITIVE if is_rate(metric, NEVER_NEGATIVE, known) else None
 
 
 def mean_interval(values: ArrayLike, bounds: Bounds | None = None) -> tuple[Array, Array, Array]:

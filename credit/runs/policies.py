@@ -203,7 +203,12 @@ def _batch(observation: Any) -> Any:
         return {key: _batch(part) for key, part in observation.items()}
     if isinstance(observation, tuple):
         return tuple(map(_batch, observation))
-    return np.asarray(observation)[None]
+    try:
+        return np.asarray(observation)[None]
+    except ValueError:  # lists of unequal lengths, which no space has
+        whole = np.empty(1, dtype=object)
+        whole[0] = observation
+        return whole
 
 
 def read(folder: Path) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from credit.runs.intervals import SHARE, is_rate, mean_interval
+from credit.runs.intervals import bounds_of, mean_interval
 
 SECONDS = "time/seconds"
 
@@ -74,7 +74,7 @@ def _finite(names: list[str], cells: list[str]) -> dict[str, float]:
 
 
 def mean_rows(journals: list[list[Row]], after: int = -1, rates: Mapping[str, str] | None = None) -> list[Row]:
-    """The mean over runs of every metric, with its 95% interval; that of a rate stays in [0, 1].
+    """The mean over runs of every metric, with its 95% interval, which stays where means of it can be.
 
     Args:
         journals: the rows of each run.
@@ -99,8 +99,11 @@ def _mean_row(step: int, runs: list[dict[str, float]], rates: Mapping[str, str])
     if SECONDS in values:
         values[SECONDS] = max(run[SECONDS] for run in runs)
     if len(runs) > 1:
-        within = np.array([is_rate(name, rates, names) for name in names], dtype=bool)
-        ends = np.where(within, mean_interval(table, SHARE)[1:], mean_interval(table)[1:])
+        bounds = [bounds_of(name, rates, names) for name in names]
+        ends = np.array(mean_interval(table)[1:])
+        for each in {*bounds} - {None}:
+            within = [one == each for one in bounds]
+            ends[:, within] = mean_interval(table[:, within], each)[1:]
         for name, low, high in zip(names, *ends.tolist(), strict=True):
             if not name.startswith("time/"):
                 stem = f"interval/{name.replace('/', '_')}"

@@ -5,18 +5,20 @@ from __future__ import annotations
 import getpass
 import json
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import PurePath
 from typing import Any
 
-from credit.core.naming import metric_name
+from credit.core.naming import metric_name, short_keys
 from credit.runs import differing
 from credit.runs.differing import parameters, typed
 from credit.runs.palette import COLOURS, nth, tint
 
 MAX_PARAM, MAX_TAG = 6000, 8000
 MAX_ROWS = 60  # of a table in a description
+MAX_NAME = 60  # letters of a sweep's
 COLOUR = "mlflow.runColor"
 PARENT = "mlflow.parentRunId"
 
@@ -57,7 +59,9 @@ def sweep_card(session: Json) -> RunCard:
     rows = [[str(number), *(_cell(label.get(key)) for key in keys)] for number, label in enumerate(others)]
     told = _table(["job", *keys], rows) if rows else ""
     text = "\n\n".join(filter(None, [f"`{session['command']}`", told]))
-    return RunCard(f"sweep {session['id']}", session["started"], _text(tags), {}, text)
+    varied = ", ".join(short_keys(keys).values())
+    name = _cut(f"sweep of {varied}", MAX_NAME) if varied else f"sweep {session['id']}"
+    return RunCard(name, session["started"], _text(tags), {}, text)
 
 
 def job_card(session: Json, job: Json, parent: str | None) -> RunCard:
@@ -127,13 +131,23 @@ def _common(session: Json) -> dict[str, Any]:
         "host": session["host"],  # with the next two: whose a run is that says RUNNING
         "pid": session["pid"],
         "process_started": session["process_started"],
-        "mlflow.user": _user(),
-        "mlflow.source.name": session["command"],
+        "mlflow.user": user(),
+        "mlflow.source.name": source(session["command"]),
         "mlflow.source.type": "LOCAL",
     }
 
 
-def _user() -> str:
+def source(command: str) -> str:
+    """A command as far as MLflow's UI shows it, which takes it for a path: what stands before a slash is not seen.
+
+    Example:
+        >>> source("credit train -m method=block,delayed output=/tmp/runs seed=3")
+        'credit train -m method=block,delayed'
+    """
+    return re.split(r"\s+\S*[/\\]", command, maxsplit=1)[0]
+
+
+def user() -> str:
     """Who that is; a container may have a number that nobody gave a name."""
     try:
         return getpass.getuser()

@@ -20,7 +20,9 @@ SHOWN = ("regret/cumulative", "policy/error", "eval/success", "reward/mse", "ret
 OPEN_SECTIONS = ("regret", "policy", "eval", "reward", "return", "weight", "best", "optimizer", "time")
 FOLDED_SECTIONS = ("interval", "report")
 PARALLEL, AXES = "credit-parallel", 6  # of what differs, as many as can be read
+LETTERS = 14  # of a name, at least: above them stands the sweep
 NAME, WHEN = "attributes.`Run Name`", "runDateAndNestInfo"  # columns that are always there
+MANY = 6  # jobs, beyond which a chart of all their intervals is a thicket
 PAGE = 100  # runs that MLflow's UI loads at first
 _SETTINGS = {
     "mlflow.workflowType_v1": "machine_learning",
@@ -102,7 +104,7 @@ def _view(sweep: str | None, hidden: Iterable[str], jobs: list[Run]) -> dict[str
     differing = list(dict.fromkeys(key for run in newest for key in json.loads(run.data.tags.get("differing", "[]"))))
     differing = [key for key in differing if any(key in run.data.params for run in newest)]
     band = {f"interval/{shown[0][0].replace('/', '_')}_{end}" for end in ("low", "high")} if shown else set()
-    if band and band <= names:
+    if band and band <= names and len(newest) <= MANY:
         shown.insert(1, [*shown[0], *sorted(band)])
     charts = [_chart(f"credit-chart-{number}", metrics) for number, metrics in enumerate(shown)]
     if shown and differing:
@@ -117,16 +119,17 @@ def _view(sweep: str | None, hidden: Iterable[str], jobs: list[Run]) -> dict[str
         "compareRunSections": sections,
         "isAccordionReordered": True,
     }
-    measured = list(dict.fromkeys(f"metrics.`{metrics[0]}`" for metrics in shown))
+    own = {name for run in newest for name in run.data.metrics}
+    measured = list(dict.fromkeys(f"metrics.`{metrics[0]}`" for metrics in shown if metrics[0] in own))
     columns = [*measured[:1], *(f"params.`{key}`" for key in differing), *measured[1:]]
-    letters = max(len(str(run.info.run_name)) for run in newest)
+    letters = max(LETTERS, *(len(str(run.info.run_name)) for run in newest))
     return {
         "first": first,
         "session": jobs[0].data.tags["session"],
         "sweep": {
             "selectedColumns": columns,
             "columnOrder": [NAME, WHEN, *columns],
-            "columnWidths": {NAME: min(90 + 7 * letters, 480), WHEN: 150} | {key: 7 * len(key) for key in columns},
+            "columnWidths": {NAME: min(110 + 7 * letters, 480), WHEN: 150} | {key: 7 * len(key) for key in columns},
         },
         "parallel": PARALLEL,
         "expanded": {sweep: True} if sweep else {},

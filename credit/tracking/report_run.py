@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from credit.core.naming import metric_name
-from credit.tracking.describe import MAX_TAG
+from credit.tracking.describe import MAX_TAG, user
 from credit.tracking.mirrored import missing
 from credit.tracking.store import VARIABLE, dashboard, open_experiment, quiet_environment, resolve_uri
 
@@ -81,9 +81,16 @@ def log_report(
     os.environ.update(quiet_environment())
     from mlflow.entities import Metric
 
+    command = f"credit compare experiment={experiment}" if name == "compare" else f"credit {experiment} {name}"
     client, identity = open_experiment(resolve_uri(uri, output), output, experiment)
     now = round(time.time() * 1000)
-    tags = {"level": "report", "mlflow.note.content": _table_of(folder)}
+    tags = {
+        "level": "report",
+        "mlflow.note.content": _table_of(folder),
+        "mlflow.user": user(),
+        "mlflow.source.name": command,
+        "mlflow.source.type": "LOCAL",
+    }
     run = client.create_run(identity, now, tags, run_name=name).info.run_id
     # One section of the UI holds them all, folded; each is a column of the table of runs, so there should be few.
     names = {name: metric_name(f"report/{name.replace('/', '_')}") for name in metrics}

@@ -22,6 +22,7 @@ from credit.tracking.store import folder_of, resolve_uri
 
 _QUIET = {"WANDB_SILENT": "true", "WANDB_ERROR_REPORTING": "false"}
 SETTLED = 1.0  # seconds in which a file does not grow whose service has died
+PATIENCE = 60.0  # seconds for the end of a run that was finished
 _BLOCK = 32768  # bytes, in which a file of wandb's is written
 
 
@@ -119,12 +120,19 @@ class WandbLedger(Appending):
         """End a run of wandb's, and wait until its file is whole: its service writes the last of it afterwards."""
         run = self._runs.pop(key)
         run.finish(exit_code=code)
-        self._steps(run.id)
+        newest = max(self._files(run.id), default=None)
+        until = time.monotonic() + PATIENCE
+        while newest is not None and not _read(newest)[1] and time.monotonic() < until:
+            time.sleep(0.05)  # a busy machine writes the end late, and nothing before it tells that it will come
+
+    def _files(self, identity: str) -> list[Path]:
+        """The logs of a run: their folders are named by time."""
+        return sorted(self._folder.glob(f"*run-*-{identity}/*.wandb"))
 
     def _steps(self, identity: str) -> list[int]:
         """The steps in the files of a run, once nobody writes there: at their ends, or where they do not grow."""
         found: list[int] = []
-        for file in self._folder.glob(f"*run-*-{identity}/*.wandb"):
+        for file in self._files(identity):
             size, steps, ended = -1, list[int](), False
             while not ended and file.stat().st_size != size:
                 if size >= 0:

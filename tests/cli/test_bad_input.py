@@ -8,6 +8,17 @@ import pytest
 TRAIN = "train"
 CASES = {
     "unknown option": ((TRAIN, "method=disagrement"), ["method=disagrement", "'disagreement'", "valid:"]),
+    "a path for an option": ((TRAIN, "experiment=../x"), ["experiment=../x: no such option", "advertiser"]),
+    "a path to an option": ((TRAIN, "mixer=../agent/sac"), ["mixer=../agent/sac: no such option", "relative_mse"]),
+    "an absolute path for an option": ((TRAIN, "method=/etc/x"), ["method=/etc/x: no such option", "disagreement"]),
+    "a path in a list": ((TRAIN, "bonus=[count,../x]"), ["bonus=../x: no such option", "local_mse"]),
+    "a list where one belongs": ((TRAIN, "mixer=[best,uniform]"), ["mixer is one option and no list", "mixer=a,b"]),
+    "a list of methods": ((TRAIN, "method=[]"), ["method is one option and no list"]),
+    "a model without its place": ((TRAIN, "reward=dnn"), ["'reward=dnn'", "reward@reference=…"]),
+    "a model in no place": ((TRAIN, "reward@surrogates=dnn"), ["+reward@surrogates.NAME=…"]),
+    "an option with a space": ((TRAIN, "method='a b'"), ["method=a b: no such option", "disagreement"]),
+    "no option at all": ((TRAIN, "method="), ["method=: no such option", "disagreement"]),
+    "an option of another group": ((TRAIN, "experiment=riverswim"), ["riverswim is an option of env", "env=riverswim"]),
     "unknown option in a list": ((TRAIN, "bonus=[cout]"), ["bonus=cout", "'count'", "local_mse"]),
     "unknown option of a packaged group": (
         (TRAIN, "reward@reference=rigde"),
@@ -52,6 +63,9 @@ CASES = {
         ["foo: unknown key", "bar: unknown key", "mixer.alpha='x'"],
     ),
     "a setting with dashes": ((TRAIN, "--seed", "3"), ["'--seed' is no option here", "write seed=3"]),
+    "a setting of two words": ((TRAIN, "seed", "3"), ["'seed 3'", "without spaces", "write seed=3"]),
+    "a setting with spaces": ((TRAIN, "mixer.alpha", "=", ".3"), ["'mixer.alpha = .3'", "write mixer.alpha=.3"]),
+    "a sweep of two words": ((TRAIN, "-m", "seed=", "1,2"), ["'seed= 1,2'", "write seed=1,2"]),
     "the sweeper": ((TRAIN, "hydra.sweeper.params={a:1}"), ["hydra.sweeper.params={a:1}", "has no effect"]),
     "an interval": ((TRAIN, "-m", "bonus.count.scale=interval(0,1)"), ["interval(0,1)", "range(0,1,.25)"]),
     "float for an integer": ((TRAIN, "seed=1.5"), ["seed=1.5", "integer"]),
@@ -275,3 +289,14 @@ def test_mistakes_inside_a_yaml_file(credit, folder, text, expected):
     for part in expected:
         assert part in ended.err
     assert [path.name for path in folder.iterdir()] == ["mine"]
+
+
+def test_what_is_valid_is_listed_once_for_all_keys_of_a_place(credit) -> None:
+    typed = ("train", "mixer.alfa=1", "mixer.epsilom=2", "mixer.x=3", "tile=a", "relica=2")
+    lines = credit(*typed, "method=adaptive_mse").err.splitlines()
+    for key in typed[1:]:
+        assert any(key in line and "unknown key" in line for line in lines), key
+    assert sum("(valid: alpha, epsilon)" in line for line in lines) == 1
+    assert sum("(valid: agent" in line for line in lines) == 1
+    assert any(line.endswith("did you mean 'alpha'?") for line in lines)
+    assert not any(line.rstrip().endswith(";") for line in lines)

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from credit.cli.output import Surviving, surviving
+from credit.cli.output import Surviving, fitted, surviving
 
 RUN = ["method=delayed", "trainer.steps=70", "replicas=1", "tracking=none"]
 
@@ -77,3 +77,26 @@ def test_streams_are_what_they_were_afterwards() -> None:
         assert sys.stdout is not before[0]
         assert sys.stdout.isatty() == before[0].isatty()
     assert (sys.stdout, sys.stderr) == before
+
+
+LONG = "  agent       ValueIteration: Dynamic programming on counts, solved exactly by warm-started policy iteration."
+
+
+def test_at_a_terminal_lines_are_as_wide_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
+    assert fitted(LONG).splitlines() == [
+        "  agent       ValueIteration: Dynamic programming on counts,",
+        "              solved exactly by warm-started policy",
+        "              iteration.",
+    ]
+    assert fitted("short") == "short"
+    assert fitted("") == ""
+    assert max(map(len, fitted("key = " + "a, " * 40).splitlines())) <= 60
+    assert fitted("x" * 70) == "x" * 70  # what has no spaces is not broken
+
+
+def test_in_a_pipe_lines_are_whole_for_those_who_search_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: False, raising=False)
+    assert fitted(LONG) == LONG

@@ -33,6 +33,14 @@ def test_a_part_is_shown_by_its_docstring_and_its_keys(credit) -> None:
     assert "lambda_visits = 1.0   (float > 0)" in said
 
 
+@pytest.mark.parametrize("words", [("show", "method=disagreement"), ("list", "feedback")])
+def test_pages_are_as_wide_as_the_terminal(credit, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert max(map(len, credit(*words).out.splitlines())) > 80  # a pipe has no width
+    monkeypatch.setattr("credit.cli.output.Surviving.isatty", lambda stream: True, raising=False)
+    assert max(map(len, credit(*words).out.splitlines())) <= 80
+
+
 @pytest.mark.parametrize("kind", [*CHOICES, *KINDS])
 def test_everything_that_is_registered_can_be_shown(credit, kind: str) -> None:
     option = next(iter(files.options(kind)))
@@ -46,6 +54,7 @@ def test_everything_that_is_registered_can_be_shown(credit, kind: str) -> None:
     [
         (("metod=reference",), "did you mean 'method'"),
         (("method=refernce",), "did you mean 'reference'"),
+        (("method=dqn",), "dqn is an option of agent, write agent=dqn"),
         (("method",), "KIND=OPTION is needed"),
         ((), "KIND=OPTION is needed"),
     ],

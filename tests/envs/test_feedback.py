@@ -103,3 +103,8 @@ def test_success_is_one_bit(make_problem: Callable[..., Problem]) -> None:
     found = labels(make_problem((0, 1)), Success(3), rewards)
     assert found.tolist() == [[1, 0], [1, 1]]
     assert found.dtype == torch.float64
+
+
+@pytest.mark.parametrize(("missing", "said"), [(0.0, ""), (0.5, ""), (0.99, "of 100 windows one gets a label")])
+def test_labels_that_hardly_ever_come_are_told(missing: float, said: str) -> None:
+    assert (said in BlockSum(7, missing=missing).remark()) if said else not BlockSum(7, missing=missing).remark()

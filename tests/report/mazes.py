@@ -73,6 +73,7 @@ def recovery(maze: Maze = MAZE, models: Sequence[str] = MODELS, rounds: int = 5,
         arrays[f"reward/{model}"] = hill * (index + 1) / 100 + rng.normal(size=shape) / 200
         arrays |= {f"weight/{model}": weights[..., index], f"mse/{model}": rng.uniform(size=shape)}
     arrays["reward/mixed"] = sum(arrays[f"reward/{model}"] * arrays[f"weight/{model}"] for model in models)
+    arrays |= {f"disagreement/{model}": rng.uniform(size=shape) for model in models[1:]}
     return arrays | {"reward/plan": arrays["reward/mixed"]}
 
 

@@ -16,7 +16,7 @@ from credit.report import style
 from credit.report.comparison import Comparison, summarise
 from credit.report.distribution import distribution_figure
 from credit.report.figures import curves_figure
-from credit.report.labels import row_names, title
+from credit.report.labels import circumstances, row_names, title
 from credit.report.looks import looks
 from credit.report.runs import load_runs
 
@@ -97,6 +97,12 @@ def test_a_title_says_the_experiment_what_is_common_and_how_many_seeds(many: Com
         assert not any(axes.get_title() for axes in figure.axes)
 
 
+def test_a_picture_of_one_method_says_its_circumstances_once(many: Comparison) -> None:
+    common = "feedback=block_sum, trainer.steps=700, uncertainty.draws=20"
+    assert circumstances(many.runs, "default") == f" ({common})"
+    assert circumstances(many.runs, "uncertainty.draws=20") == f" ({common.rpartition(', ')[0]})"
+
+
 def test_what_all_variants_of_a_method_share_is_said_once(write_run: WriteRun, tmp_path: Path) -> None:
     write_run("reference", 0, {"regret/cumulative": 50.0})
     for alpha in (0.1, 0.3):
@@ -139,8 +145,8 @@ def test_a_curve_at_zero_is_seen(maze: Comparison) -> None:
     curves, _ = figures(maze)
     for axes in curves.axes:
         (flat,) = [line for line in axes.lines if not np.any(line.get_ydata())]
-        height = axes.transData.transform((0, 0))[1] - axes.transAxes.transform((0, 0))[1]
-        assert height > flat.get_linewidth() * curves.dpi / 72
+        below = axes.transData.transform((0, 0))[1] - axes.spines["bottom"].get_window_extent().y1
+        assert below > flat.get_linewidth() * curves.dpi / 72
 
 
 def test_a_curve_of_one_point_is_drawn_as_a_point(write_run: WriteRun, tmp_path: Path) -> None:
@@ -159,7 +165,20 @@ def test_bands_of_rates_and_their_axes_stay_between_0_and_1(maze: Comparison) ->
         assert heights.max() <= 1
     (axes,) = scores.axes
     assert axes.get_xscale() == "linear"
-    assert -0.05 < axes.get_xlim()[0] < axes.get_xlim()[1] < 1.05
+    assert 0 <= axes.get_xlim()[0] < axes.get_xlim()[1] <= 1
+
+
+@pytest.mark.parametrize("rate", [0.0, 1.0])
+def test_the_axis_of_a_rate_that_is_the_same_everywhere_goes_from_0_to_1(tmp_path: Path, rate: float) -> None:
+    for seed in range(3):
+        write_maze_run(tmp_path, "delayed", seed, [rate] * 4)
+    curves, scores = figures(summarise(load_runs(tmp_path, "pointmaze")))
+    assert all(axes.get_ylim() == (0, 1) for axes in curves.axes)
+    (axes,) = scores.axes
+    assert axes.get_xlim() == (0, 1)
+    assert not any(part.get_clip_on() for part in (*axes.collections, *axes.lines))  # half a point is beyond
+    for figure in (curves, scores):
+        assert_all_inside(figure)
 
 
 def test_a_rate_that_differs_tenfold_has_a_linear_axis(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -163,3 +164,15 @@ def test_few_seeds_are_said_to_be_few(write_run: WriteRun, tmp_path: Path) -> No
     fill(write_run, {("delayed", "default"): 500.0}, seeds=4)
     fill(write_run, {("reference", "default"): 90.0}, seeds=12)
     assert "Few seeds (4): an interval from fewer than 10 is rough." in sentences(compared(tmp_path))
+
+
+def test_titles_that_differ_within_a_row_are_said(write_run: WriteRun, tmp_path: Path) -> None:
+    for seed, title in enumerate(("A", "B", "B")):
+        file = write_run("reference", seed, {"regret/cumulative": 1.0}) / "summary.json"
+        summary = json.loads(file.read_text(encoding="utf-8"))
+        file.write_text(json.dumps(summary | {"paper": {"name": title}}), encoding="utf-8")
+        write_run("delayed", seed, {"regret/cumulative": 2.0})
+    lines = sentences(summarise(load_runs(tmp_path / "outputs", "advertiser")))
+    (said,) = [line for line in lines if "several titles" in line]
+    assert "reference has 'A' (seeds 0), 'B' (seeds 1, 2) and is called A" in said
+    assert "delayed" not in said

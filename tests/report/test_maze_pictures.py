@@ -75,7 +75,7 @@ def test_every_method_has_its_pictures(figures: dict[str, Figure | None]):
     assert set(figures) == {
         "demonstrations",
         *(f"trajectories_{method}" for method in ("delayed", "reference", "disagreement")),
-        *("maps_reference", "maps_disagreement"),
+        *(f"{kind}_{method}" for kind in ("maps", "doubts") for method in ("reference", "disagreement")),
     }
 
 
@@ -227,7 +227,8 @@ def test_old_pictures_do_not_stay(tmp_path: Path):
         (folder / f"{name}.svg").touch()
     report = compare(output, "pointmaze", methods=["reference"], videos=False)
     assert {path.stem for path in report.files if path.suffix == ".svg"} == {
-        *("curves", "distribution", "demonstrations", "trajectories_reference", "maps_reference")
+        *("curves", "distribution", "demonstrations", "trajectories_reference", "maps_reference"),
+        "doubts_reference",
     }
     assert not list(folder.glob("*_gone.*"))
 

@@ -9,6 +9,7 @@ from scipy import stats
 
 from credit.report.comparison import Comparison, summarise
 from credit.report.figures import curves_figure
+from credit.report.looks import APART
 from credit.report.runs import load_runs
 from credit.report.statistics import pooled
 from credit.report.tables import csv, grids, latex, markdown
@@ -129,7 +130,9 @@ def test_figure_4_has_a_panel_a_policy_over_trajectories(comparison: Comparison)
         drawn = {line.get_color(): line for line in axes.lines}
         names = {text.get_color(): text.get_text() for text in axes.texts}
         assert sorted(names.values()) == ["DNN-SAC", "Delayed SAC", "Disagreement-SAC"]
-        assert axes.get_ylim() == (-0.02, 1.02)  # a curve at 0 does not lie on the axis
+        assert axes.get_ylim() == (0, 1)  # no rate is beyond
+        assert axes.spines["bottom"].get_position() == ("outward", APART)  # a curve at 0 does not lie on the axis
+        assert not any(line.get_clip_on() for line in axes.lines)
         for colour, name in names.items():
             values = {"DNN-SAC": THEIRS, "Disagreement-SAC": OURS, "Delayed SAC": [[0.0] * 6]}[name]
             expected = np.minimum(1.0, np.array(values) + (gain if values is OURS else 0.0))

@@ -20,7 +20,7 @@ from credit.report.measures import (
     choose_measures,
     known_measure,
 )
-from credit.runs.intervals import POSITIVE, is_rate
+from credit.runs.intervals import POSITIVE, bounds_of, is_rate
 
 KNOWN = ("eval/auc", "eval/final", "eval/return", "eval/length", "return/label")
 
@@ -44,6 +44,15 @@ def test_what_a_judge_declares_a_rate_is_drawn_and_bounded_as_one() -> None:
         if not measure.per:  # a share of rounds, of which the judge gives both counts
             assert is_rate(measure.metric, declared, ["eval/success"]) is measure.rate, measure.metric
     assert not any(measure.rate for measure in RETURN_ROUNDS)
+
+
+def test_the_report_and_trackers_bound_means_alike() -> None:
+    declared = {**AverageReward.rates, **Rollouts.rates}
+    steps = ["eval/success", "regret/cumulative"]
+    for known, measures in ((steps, {*CONTINUING, *SUCCESS_ROUNDS}), ([*steps, "regret/share"], {*EPISODIC})):
+        for measure in measures:
+            if not measure.per:
+                assert bounds_of(measure.metric, declared, known) == measure.bounds, measure.metric
 
 
 def test_a_regret_is_never_negative_where_it_is_that_of_a_value() -> None:

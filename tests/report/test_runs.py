@@ -8,7 +8,7 @@ from credit.report.runs import describe_seeds, load_curves, load_runs
 from credit.runs import job
 from credit.runs.load import load
 
-from .conftest import WriteRun
+from .conftest import TRAINER, WriteRun
 
 REGRET = {"regret/cumulative": 100.0}
 
@@ -70,6 +70,21 @@ def test_a_configuration_that_is_missing_where_two_are_compared_is_named(write_r
         load_runs(tmp_path / "outputs", "advertiser")
     with pytest.raises(UserError, match=r"config\.yaml: missing; restore it"):
         job.read(tmp_path / "outputs/advertiser/reference/default/seed-0")
+
+
+def test_a_damaged_run_of_a_setting_that_is_not_asked_for_is_left_out(write_run: WriteRun, tmp_path: Path):
+    write_run("reference", 0, {"regret/cumulative": 1.0})
+    longer = {**TRAINER, "steps": 700}
+    damaged = write_run("reference", 0, {"regret/cumulative": 1.0}, slug="trainer.steps=700", trainer=longer)
+    (damaged / "summary.json").write_text("{", encoding="utf-8")
+    chosen = load_runs(tmp_path / "outputs", "advertiser", where={"trainer.steps": 14000})
+    assert len(chosen.frame) == 1
+    for where in ({"trainer.steps": 700}, None):
+        with pytest.raises(UserError, match=r"trainer\.steps=700/seed-0 is marked as finished, but its summary\.json"):
+            load_runs(tmp_path / "outputs", "advertiser", where=where)
+    (damaged / "config.yaml").unlink()  # nobody knows of which setting it is
+    with pytest.raises(UserError, match=r"its summary\.json cannot be used"):
+        load_runs(tmp_path / "outputs", "advertiser", where={"trainer.steps": 14000})
 
 
 def test_a_damaged_run_is_named(write_run: WriteRun, tmp_path: Path):

@@ -11,6 +11,7 @@ from credit.report.comparison import Comparison, summarise
 from credit.report.published import load_paper
 from credit.report.runs import load_runs
 from credit.report.scale import Scale
+from credit.report.statistics import Interval
 from credit.report.tables import csv, latex, markdown
 from credit.report.text import caption, sentences
 
@@ -243,3 +244,12 @@ def test_the_papers_table_is_complete():
     assert paper.methods["disagreement"]["reward/mse"] == (0.00149, 0.00014)
     assert "reward/mse" not in paper.methods["block"]
     assert load_paper("unknown") is None
+
+
+def test_an_interval_in_a_wide_column_has_the_digits_of_its_width() -> None:
+    scale = Scale.of(pd.Series([0.903, 0.78321]), pd.Series([0.024, 0.00043]))
+    assert scale.wide
+    assert scale.interval(Interval(0.903, 0.868, 0.95)) == ("0.903", "[0.868, 0.950]")
+    assert scale.interval(Interval(0.5260, 0.5237, 0.5291)) == ("0.5260", "[0.5237, 0.5291]")
+    assert scale.interval(Interval(-0.26, -0.27, -0.25), signed=True) == ("−0.260", "[−0.270, −0.250]")
+    assert scale.interval(Interval(0.5, NAN, NAN)) == ("0.5", "")

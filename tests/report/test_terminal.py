@@ -71,3 +71,12 @@ def test_long_variants_are_numbers_and_their_names_stand_above(long: Comparison)
     assert "agent.updates" not in tables
     assert re.search(r"Ridge-UCB\s+#2", tables)
     assert all(slug in markdown(long) and slug in csv(long) for slug in LONG)
+
+
+def test_the_same_variant_of_two_methods_has_one_number(write_run: WriteRun, tmp_path: Path) -> None:
+    for method in ("reference", "disagreement"):
+        for slug in LONG:
+            write_run(method, 0, {"regret/cumulative": 50.0}, slug=slug)
+    text = printed(summarise(load_runs(tmp_path / "outputs", "advertiser")), 80)
+    assert "#2" in text
+    assert "#3" not in text

@@ -151,6 +151,9 @@ def test_a_runs_policy_in_the_environments_own_spaces(runs: list[Path]) -> None:
     for wrong in (10, -1, 0.5, [1, 2]):
         with pytest.raises(UserError, match=r"here it must be of Discrete\(10\)"):
             run.policy(wrong)
+    for nothing in ("x", None, [[1], [1, 2]], {"a": 1}, (1, 2), object(), 1j):
+        with pytest.raises(UserError, match=r"observation.*must be of Discrete\(10\)"):
+            run.policy(nothing)
 
 
 @pytest.mark.thorough

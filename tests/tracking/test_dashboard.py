@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import socket
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -49,6 +50,12 @@ def test_the_newest_sweep_opens_on_its_methods(session: FakeSession, uri: str) -
     assert folded == ["interval", "report"]
 
 
+def _run(session: str, metrics: set[str]) -> Any:
+    """As MLflow gives a job of a session."""
+    data = SimpleNamespace(tags={"session": session}, metrics=dict.fromkeys(metrics, 0.0), params={})
+    return SimpleNamespace(data=data, info=SimpleNamespace(run_name="delayed"))
+
+
 def labelled(session: FakeSession, uri: str) -> dict[str, Any]:
     """What the page says of a sweep whose jobs differ in a parameter."""
     told = [{"env.size": 10}, {"env.size": 20}]
@@ -76,6 +83,25 @@ def test_the_table_shows_the_main_metric_and_then_what_differs(session: FakeSess
     assert [(chart["selectedParams"], chart["selectedMetrics"]) for chart in parallel] == [
         (["env.size"], ["reward/mse"])
     ]
+
+
+def test_a_sweep_is_called_by_what_was_varied(session: FakeSession, uri: str) -> None:
+    labelled(session, uri)
+    (sweep,) = MlflowClient(uri).search_runs(["2"], "tags.level = 'sweep'")
+    assert sweep.info.run_name == "sweep of size"
+    assert sweep.data.tags["session"] == session.id
+
+
+def test_columns_are_those_of_the_newest_sweep() -> None:
+    view = landing._view(None, [], [_run("new", {"regret/cumulative"}), _run("old", {"reward/mse"})])
+    assert view["sweep"]["selectedColumns"] == ["metrics.`regret/cumulative`"]
+
+
+def test_intervals_of_many_are_left_to_their_section() -> None:
+    band = {"interval/regret_cumulative_low", "interval/regret_cumulative_high"}
+    for jobs, charts in ((landing.MANY, 2), (landing.MANY + 1, 1)):
+        view = landing._view(None, [], [_run("new", {"regret/cumulative", *band})] * jobs)
+        assert len(view["first"]["compareRunCharts"]) == charts
 
 
 def test_runs_are_called_by_what_differs_in_colours_of_their_own(session: FakeSession, uri: str) -> None:

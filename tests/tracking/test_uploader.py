@@ -134,6 +134,8 @@ def test_a_report_is_a_run_of_its_own(tmp_path: Path, uri: str) -> None:
     client = MlflowClient(uri)
     run = client.get_run(identity)
     assert (run.info.run_name, run.info.status, run.data.tags["level"]) == ("compare", "FINISHED", "report")
+    assert run.data.tags["mlflow.source.name"] == "credit compare experiment=advertiser"
+    assert run.data.tags["mlflow.user"]
     assert run.data.metrics == {"report/reference_iqm _95__": 1.0}
     assert [file.path for file in client.list_artifacts(identity)] == ["table.md"]
 

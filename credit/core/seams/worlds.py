@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, Protocol
 
 import numpy as np
 import torch
+from gymnasium.spaces import Space
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -86,6 +87,19 @@ class Act(Protocol):
 
     def act(self, states: Tensor, step: Tensor) -> Tensor:
         """Actions of K copies of each replica [R, K, ...], as `Policy.act` has them."""
+
+
+def _numbers(name: str, values: Any, space: Space[Any]) -> Tensor:
+    """Values [n, ...] of a space without parts as a tensor.
+
+    Raises:
+        UserError: they are no numbers.
+    """
+    nested = isinstance(values, (Mapping, tuple))
+    if not nested and (isinstance(values, Tensor) or (values := np.asarray(values)).dtype.kind in "biuf"):
+        return torch.as_tensor(values)
+    what = "has parts" if nested else f"is {values[0]!r}, no numbers"
+    raise UserError(f"{name} {what}, and here it must be of {space}")
 
 
 class Environment(Component):
@@ -174,9 +188,7 @@ class Environment(Component):
         Raises:
             UserError: that is of another space. By default they must be as learners see them.
         """
-        if isinstance(observations, (Mapping, tuple)):
-            raise UserError(f"observations have parts, and {type(self).__name__} knows none")
-        return torch.as_tensor(observations)
+        return _numbers("observation", observations, self.problem(self.horizon or 1, (0,), "cpu").observation_space)
 
     def actions_of(self, actions: Any) -> Tensor:
         """What an agent does, of actions [n, ...] that were recorded in this environment's own action space.
@@ -184,7 +196,7 @@ class Environment(Component):
         Raises:
             UserError: they are of another space.
         """
-        return torch.as_tensor(actions)
+        return _numbers("action", actions, self.problem(self.horizon or 1, (0,), "cpu").action_space)
 
     def recorded(self, actions: Tensor) -> Tensor:
         """The other way round: actions in the environment's own space, of what an agent does."""

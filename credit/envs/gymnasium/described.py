@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import cached_property
 from typing import Any
 
@@ -15,12 +16,14 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from credit.core.component import Setting
-from credit.core.errors import UserError
+from credit.core.errors import UserError, nearest
 from credit.core.problem import Problem
 from credit.core.seams import Environment
 from credit.envs import inverse, spaces
 from credit.envs.facts import REWARD, SUCCESS, looked_for
 from credit.envs.gymnasium.copies import Make, Raised, first, out, told
+
+TRIED = 200  # steps of a first try
 
 
 class Described(Environment):
@@ -193,7 +196,26 @@ class Described(Environment):
         return next((key for key in SUCCESS if key in info), None)
 
     def remark(self) -> str:
-        """How a task that goes on for ever is gone on with."""
-        if not self.endless:
+        """How a task that goes on for ever is gone on with; and whether a key that was named is told."""
+        never = f"{self.called} never ends: a run that was stopped goes on by playing all its steps again"
+        return "; ".join([*([never] if self.endless else []), *filter(None, [self._untold()])])
+
+    def _untold(self) -> str:
+        """What to say where a first try hears nothing of the key that `success` names; successes alone may have it."""
+        if self.success in ("auto", REWARD):
             return ""
-        return f"{self.called} never ends: a run that was stopped goes on by playing all its steps again"
+        env, told_keys = self._one, dict[str, None]()
+        env.action_space.seed(0)
+        with suppress(Raised):  # which the run will tell, with where it was
+            first(0, told(env.reset, 0, seed=0))
+            for steps in range(1, TRIED + 1):
+                step = out(0, told(env.step, 0, env.action_space.sample()))
+                if self.success in step.info:
+                    return ""
+                told_keys |= dict.fromkeys(map(str, step.info))
+                if step.terminated or step.truncated or steps == TRIED:
+                    return (
+                        f"env.success={self.success}: {self.called} told no such key in {steps} steps of a first try; "
+                        f"{nearest(self.success, told_keys)}; where it never comes, the run ends with its first episode"
+                    )
+        return ""

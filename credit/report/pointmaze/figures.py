@@ -10,8 +10,8 @@ import pandas as pd
 
 from credit.report.comparison import Comparison
 from credit.report.groups import display_name
+from credit.report.labels import circumstances
 from credit.report.pointmaze.tracks import file_name, load_tracks, typical
-from credit.report.text import heading
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,14 +36,13 @@ def methods(comparisons: Sequence[Comparison]) -> Iterator[Shown]:
     """Every method and slug of every setting that is a maze."""
     for comparison in comparisons:
         if comparison.is_maze:
-            setting = f" ({heading(comparison.runs)})" if comparison.runs.setting.name else ""
             for method, slug, group in comparison.groups:
-                title = f"{comparison.runs.experiment}: {display_name(group)}{setting}"
+                title = f"{comparison.runs.experiment}: {display_name(group)}{circumstances(comparison.runs, slug)}"
                 yield Shown(comparison, group, title, method, slug)
 
 
 def maze_figures(comparisons: Sequence[Comparison], seed: int | None) -> dict[str, Figure | None]:
-    """Demonstrations, and of every method its trajectories and the maps of what it believes.
+    """Demonstrations, and of every method its trajectories and the maps of what it believes, and how far.
 
     Args:
         comparisons: one a setting; those that are no mazes are left out.
@@ -55,6 +54,7 @@ def maze_figures(comparisons: Sequence[Comparison], seed: int | None) -> dict[st
     mazes = [comparison for comparison in comparisons if comparison.is_maze]
     if not mazes:
         return {}
+    from credit.report.pointmaze.doubts import doubts_figure, load_doubts
     from credit.report.pointmaze.maps import beliefs_figure, load_beliefs
     from credit.report.pointmaze.pictures import demonstrations_figure, tracks_figure
 
@@ -69,4 +69,8 @@ def maze_figures(comparisons: Sequence[Comparison], seed: int | None) -> dict[st
         if beliefs is not None:
             who = f"seed {chosen['seed'].iloc[0]}" if beliefs.seeds == 1 else f"mean over {beliefs.seeds} seeds"
             figures[shown.file("maps")] = beliefs_figure(f"{shown.title}, {who}", beliefs)
+        doubts = load_doubts(chosen)
+        if doubts is not None:
+            who = f"seed {chosen['seed'].iloc[0]}" if doubts.seeds == 1 else f"mean over {doubts.seeds} seeds"
+            figures[shown.file("doubts")] = doubts_figure(f"{shown.title}, {who}", doubts)
     return figures

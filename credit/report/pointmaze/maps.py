@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -75,9 +75,7 @@ def load_beliefs(runs: pd.DataFrame) -> Beliefs | None:
     if journal is None:
         return None
     models = [str(model) for model in found[0]["models"]]
-    # a run that was stopped early has fewer refits
-    rounds = min((arrays["rounds"] for arrays in found), key=len)
-    places = sorted({0, len(rounds) // 2, len(rounds) - 1})
+    rounds, places = chosen_refits(found)
 
     def stack(key: str) -> NDArray[Any]:
         return np.stack([np.asarray(arrays[key])[places] for arrays in found])
@@ -91,6 +89,12 @@ def load_beliefs(runs: pd.DataFrame) -> Beliefs | None:
         best = np.argmax([(chosen == index).mean(0) for index in range(len(models))], axis=0)
     states = np.asarray(found[0]["grid/states"], dtype=float)[:, :2]
     return Beliefs(len(found), journal, states, tuple(int(rounds[place]) for place in places), rewards, weights, best)
+
+
+def chosen_refits(found: Sequence[Mapping[str, Any]]) -> tuple[NDArray[np.int64], list[int]]:
+    """The trajectories before each refit that all runs had, and the places of the first, a middle and the last one."""
+    rounds = min((arrays["rounds"] for arrays in found), key=len)  # a run that was stopped early has fewer
+    return rounds, sorted({0, len(rounds) // 2, len(rounds) - 1})
 
 
 def raster(maze: Maze, states: Array, values: NDArray[Any]) -> Array:
@@ -119,59 +123,77 @@ def beliefs_figure(title: str, beliefs: Beliefs) -> Figure:
     Args:
         title: whose. beliefs: what to draw; each row of rewards has its own scale.
     """
-    rows, columns = len(beliefs.rewards), len(beliefs.trajectories)
-    shape = beliefs.journal.maze.grid.shape
-    wide, high = SIDE * shape[1] / max(shape) + 0.1, SIDE * shape[0] / max(shape) + 0.12
     halves = 2 if beliefs.weights else 1
-    size = (halves * (columns * wide + 1.0) + 0.3, rows * high + 0.95)
-    figure = Figure(figsize=(max(size[0], 6.0), size[1]), layout="constrained")
-    parts = figure.subfigures(1, halves, squeeze=False)[0]
-    grid = parts[0].subplots(rows, columns, squeeze=False)
-    for row, (model, values) in zip(grid, beliefs.rewards.items(), strict=True):
+    figure, parts, grids = empty(beliefs.journal.maze, len(beliefs.rewards), len(beliefs.trajectories), halves)
+    for row, (model, values) in zip(grids[0], beliefs.rewards.items(), strict=True):
         low, high_end = np.nanquantile(values, [OUTLIERS, 1 - OUTLIERS])
         scale = Normalize(float(low), float(high_end))
-        _draw_row(row, beliefs, values, SHADES, scale, "mixture" if model == "mixed" else model)
+        name = "mixture" if model == "mixed" else model
+        draw_row(row, beliefs.journal, beliefs.states, values, SHADES, scale, name)
         bar = parts[0].colorbar(ScalarMappable(scale, SHADES), ax=list(row), extend="both", fraction=0.04, pad=0.02)
-        _quiet(bar)
+        quiet(bar)
     parts[0].suptitle("Learned reward of a step towards the goal", fontsize=9, fontweight="bold")
     if beliefs.best is not None:
-        _draw_weights(parts[1], beliefs, beliefs.best)
+        _draw_weights(parts[1], grids[1], beliefs, beliefs.best)
     for part in parts:
-        for axes, count in zip(part.axes[:columns], beliefs.trajectories, strict=True):
-            when = f"after {count} trajectories" if count else "demonstrations only"
-            axes.set_title(when, fontsize=8, fontweight="normal", loc="center")
+        say_when(part, beliefs.trajectories)
     style.entitle(figure, title)
     return figure
 
 
-def _draw_weights(part: Any, beliefs: Beliefs, best: NDArray[np.int64]) -> None:
-    grid = part.subplots(len(beliefs.rewards), len(beliefs.trajectories), squeeze=False)
+def empty(maze: Maze, rows: int, columns: int, halves: int) -> tuple[Figure, list[Any], list[Any]]:
+    """A figure for maps of a maze, its halves side by side, and the axes of each [rows, columns]."""
+    shape = maze.grid.shape
+    wide, high = SIDE * shape[1] / max(shape) + 0.1, SIDE * shape[0] / max(shape) + 0.12
+    size = (halves * (columns * wide + 1.0) + 0.3, rows * high + 0.95)
+    figure = Figure(figsize=(max(size[0], 6.0), size[1]), layout="constrained")
+    parts = list(figure.subfigures(1, halves, squeeze=False)[0])
+    return figure, parts, [part.subplots(rows, columns, squeeze=False) for part in parts]
+
+
+def say_when(part: Any, trajectories: Sequence[int]) -> None:
+    """Write above each column of a half after how many online trajectories that was."""
+    for axes, count in zip(part.axes[: len(trajectories)], trajectories, strict=True):
+        when = f"after {count} trajectories" if count else "demonstrations only"
+        axes.set_title(when, fontsize=8, fontweight="normal", loc="center")
+
+
+def _draw_weights(part: Any, grid: Any, beliefs: Beliefs, best: NDArray[np.int64]) -> None:
     scale = Normalize(0, 1)
     for row, (model, values) in zip(grid, beliefs.weights.items(), strict=False):
-        _draw_row(row, beliefs, values, BLUES, scale, model)
-        _quiet(part.colorbar(ScalarMappable(scale, BLUES), ax=list(row), fraction=0.04, pad=0.02))
+        draw_row(row, beliefs.journal, beliefs.states, values, BLUES, scale, model)
+        quiet(part.colorbar(ScalarMappable(scale, BLUES), ax=list(row), fraction=0.04, pad=0.02))
     names = list(beliefs.weights)
     shades = [MODELS[index % len(MODELS)] for index in range(len(names))]
     colours, limits = ListedColormap(shades), Normalize(-0.5, len(names) - 0.5)
-    _draw_row(grid[-1], beliefs, best, colours, limits, "best model")
+    draw_row(grid[-1], beliefs.journal, beliefs.states, best, colours, limits, "best model")
     bar = part.colorbar(ScalarMappable(limits, colours), ax=list(grid[-1]), fraction=0.04, pad=0.02)
-    _quiet(bar)
+    quiet(bar)
     bar.set_ticks(range(len(names)), labels=names)
     part.suptitle("Weight in the mixture", fontsize=9, fontweight="bold")
 
 
-def _draw_row(row: Any, beliefs: Beliefs, values: NDArray[Any], colours: Any, scale: Normalize, name: str) -> None:
-    maze, start, goal = beliefs.journal.task
+def draw_row(
+    row: Any, journal: Journal, states: Array, values: NDArray[Any], colours: Any, scale: Normalize, name: str
+) -> None:
+    """Draw a row of maps, one a refit; its name stands at the left.
+
+    Args:
+        row: the axes, one a refit. journal: the maze. states: x, y (m) [N, 2]. values: [refit, N].
+        colours: a colour map. scale: of the values. name: of the row.
+    """
+    maze, start, goal = journal.task
     height, width = maze.grid.shape
     for axes, value in zip(row, values, strict=True):
-        image = raster(maze, beliefs.states, value)
+        image = raster(maze, states, value)
         extent = (-width / 2, width / 2, -height / 2, height / 2)
         axes.imshow(image, cmap=colours, norm=scale, extent=extent, origin="upper", interpolation="nearest")
         draw_maze(axes, maze, start, goal, labelled=False, size=4.0)
     row[0].set_ylabel(name, fontsize=8.5)
 
 
-def _quiet(bar: Any) -> None:
+def quiet(bar: Any) -> None:
+    """A colour bar without a frame, and with few ticks."""
     bar.outline.set_visible(False)
     bar.ax.tick_params(labelsize=7)
     bar.locator = MaxNLocator(4)

@@ -90,6 +90,7 @@ def demonstrations_figure(comparisons: Sequence[Comparison]) -> Figure | None:
         found = {f"{kind} ({kinds.count(kind)})": colour for kind, colour in KINDS.items() if kind in kinds}
         _legend(axes, found)
         axes.set_title(f"{len(tracks)} demonstrations" if len(tracks) else "no demonstrations")
+    style.entitle(figure, comparisons[0].runs.experiment)
     return figure
 
 

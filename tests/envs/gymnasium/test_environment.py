@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import gymnasium
@@ -166,6 +167,22 @@ def test_a_key_that_is_never_told_is_no_failure(horizon: int | None) -> None:
         env.step(actions)
     with pytest.raises(RunError, match=said):
         env.step(actions)
+
+
+@pytest.mark.parametrize(
+    ("success", "reports", "said"),
+    [
+        ("is_succes", True, "env.success=is_succes: .*no such key in 6 steps.*did you mean 'is_success'"),
+        ("won", False, r"env.success=won: .*no such key in 6 steps of a first try; \(there are none\); where it never"),
+        ("is_success", "now and then", "^$"),
+        ("auto", False, "^$"),
+        ("reward", False, "^$"),
+    ],
+)
+def test_a_key_that_a_first_try_does_not_hear_is_told_before_the_run(success: str, reports: Any, said: str) -> None:
+    assert re.search(said, Gymnasium("tests/Odd-v0", {"reports": reports}, success=success).remark())
+    raising = Gymnasium("tests/Odd-v0", {"trouble": "raises"}, success="won")
+    assert raising.remark() == ""  # the run tells where that was
 
 
 def test_a_key_that_was_told_need_not_be_told_again() -> None:

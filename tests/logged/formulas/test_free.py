@@ -11,7 +11,7 @@ from credit.core.errors import UserError
 from credit.logged.formulas.free import choices, free_calls, together
 from credit.logged.formulas.terms import Terms
 from credit.logged.panel import Column
-from tests.logged.rows import ROLES
+from tests.logged.formulas.rows import ROLES
 
 HALF_ZERO = np.concatenate([np.zeros(10), np.linspace(0, 100, 11)])  # quantiles 0, …, .5 are 0
 COLUMNS = {

@@ -8,7 +8,7 @@ from credit.core.errors import UserError
 from credit.logged.formulas.reading import parse
 from credit.logged.formulas.terms import Terms
 from credit.logged.panel import Column, Roles
-from tests.logged.rows import columns, table
+from tests.logged.formulas.rows import columns, table
 
 COLUMNS = columns(table())
 ROLES = Roles("week", "sales", "date", "shop", actions=("tv",), states=("price", "region"))

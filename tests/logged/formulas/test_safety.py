@@ -10,7 +10,7 @@ from credit.core.errors import UserError
 from credit.logged.formulas.safety import features, numbers, read
 from credit.logged.formulas.terms import Terms
 from credit.logged.panel import Column
-from tests.logged.rows import ROLES, columns, table
+from tests.logged.formulas.rows import ROLES, columns, table
 
 COLUMNS = {**columns(table()), "x": Column("x", most=1.0), "é": Column("é", most=1.0), "`": Column("`", most=1.0)}
 

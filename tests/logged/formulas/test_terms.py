@@ -15,7 +15,7 @@ import pytest
 from credit.core.errors import UserError
 from credit.logged.formulas.terms import Terms
 from credit.logged.panel import Column, Floats, Roles
-from tests.logged.rows import GROUPS, ROLES, N, columns, part, parts, table
+from tests.logged.formulas.rows import GROUPS, ROLES, N, columns, part, parts, table
 
 TABLE = table()
 COLUMNS = columns(TABLE)
