@@ -4,7 +4,8 @@
     credit recover examples/marketing.csv        # what was each channel worth?
 
 Daily spending on five channels acts on the days that follow (adstock), warm days and holidays sell more, and regions
-
+differ. Sales are known by the week alone, with errors that last (an autoregression of .6) and a shock that all regions
+share.
 """
 
 from __future__ import annotations

@@ -65,7 +65,7 @@ def _sums(found: Recovered, column: Column, baseline: Any) -> dict[Any, _Sum]:
     """Level (None for a number) → what rows with it come to."""
     levels = [None] if column.levels is None else [level for level in column.levels if level != baseline]
     sums = {level: _Sum() for level in levels}
-    columns = [np.flatnonzero(fit.theta.any(0)) for fit in found.fits]
+    columns = found.columns
     thetas = [fit.theta[:, own] for fit, own in zip(found.fits, columns, strict=True)]
     as_is = Pass(found.panel, found.models, columns)
     without = Pass(found.panel, found.models, columns, replaced=(column.name, baseline))
@@ -111,7 +111,7 @@ def _rows(part: Part, column: Column, levels: list[Any]) -> Iterator[tuple[Any, 
 
 
 def _lines(found: Recovered, action: str, level: Any, baseline: Any, total: _Sum) -> Iterator[dict[str, Any]]:
-    columns = [np.flatnonzero(fit.theta.any(0)) for fit in found.fits]
+    columns = found.columns
     told, note = True, ""
     if total.contrast is not None and total.rows:
         whole = np.zeros(len(found.models[0].terms.names))

@@ -18,7 +18,7 @@ from credit.logged.fits.odds import Bits, require_bits
 from credit.logged.fits.telling import Telling, remedied, told
 from credit.logged.fits.units import Units, units_of
 from credit.logged.models import Model, learned, windowed
-from credit.logged.panel import Floats, Panel
+from credit.logged.panel import Floats, Ints, Panel
 from credit.logged.residuals.autocorrelation import estimated_rho
 from credit.logged.residuals.whitening import Layout, whiten
 
@@ -79,6 +79,11 @@ class Recovered:
     def names(self) -> tuple[str, ...]:
         """Of the models."""
         return tuple(model.name for model in self.models)
+
+    @property
+    def columns(self) -> list[Ints]:
+        """Of each model's design, those that are in some fit."""
+        return [fit.used(model.terms) for fit, model in zip(self.fits, self.models, strict=True)]
 
     @property
     def factor(self) -> float:

@@ -70,7 +70,7 @@ def scored(found: Recovered) -> tuple[Scored, Judged]:
     number = np.empty(count, dtype=np.int64)
     windows = len(found.panel.windows)
     fitted, held_out = np.empty(windows), np.full((models + 1, windows), np.nan)
-    columns = [np.flatnonzero(fit.theta.any(0)) for fit in found.fits]
+    columns = found.columns
     thetas = [fit.theta[:, own] for fit, own in zip(found.fits, columns, strict=True)]
     rows = Pass(found.panel, found.models, columns)
     for part, at in parts_of(found.panel):

@@ -74,8 +74,7 @@ def test_without_a_penalty_and_with_one_group_it_is_chow_and_lin(rho: float) -> 
     one = found(frame, reference={"formula": "1 + x + z", "regularization": 0}, surrogates={}, rho=rho)
     design = np.column_stack([np.ones(len(frame)), frame["x"], frame["z"]])
     label = frame["y"].to_numpy()[::5]
-    wanted = chow_lin(design, label, np.full(30, 5), rho)
-    wanted = wanted[0] if isinstance(wanted, tuple) else wanted
+    wanted = chow_lin(label, design, np.full(30, 5), rho)
     np.testing.assert_allclose(one.steps["credit_balanced"], wanted, rtol=1e-8, atol=1e-8)
 
 
@@ -129,7 +128,7 @@ def test_below_ten_units_there_is_no_interval_and_it_is_said() -> None:
 def test_what_windows_do_not_tell_gets_no_number() -> None:
     frame = table(length=7)
     frame["day"] = pd.Categorical(np.tile([*"MTWRFSU"], 40), categories=[*"MTWRFSU"])
-    one = credit.recover(frame, window="w", label="y", time="t", actions=["day", "x"], states=["z"], group=False, draws=20)
+    one = found(frame, reference=None, surrogates=None, actions=["day", "x"], group=False)
     effects = one.effects[one.effects["model"] == "mixture"].set_index("action")
     assert effects.loc["day", "effect"].isna().all()
     assert not effects.loc["day", "told"].any()
@@ -149,7 +148,7 @@ def test_labels_that_are_means_or_of_the_last_row() -> None:
     )
     truth = 2 + 3 * frame["x"] - frame["z"]
     last = found(frame.assign(y=truth.groupby([frame["g"], frame["w"]]).transform("last")), label_is="last")
-    np.testing.assert_allclose(last.steps["credit"], truth, atol=0.05)
+    np.testing.assert_allclose(last.steps["credit"], truth, atol=0.1)
 
 
 def test_bits_are_log_odds() -> None:
@@ -176,7 +175,7 @@ def test_bits_are_log_odds() -> None:
         ({"reference": {"regularization": -1}}, "0 or more"),
         ({"reference": {"sign": {"q": "positive"}}}, "sign of 'q'"),
         ({"reference": {"sign": {"x": "up"}}}, "positive, negative"),
-        ({"surrogates": {"a b": "1"}}, "no name"),
+        ({"surrogates": {"a/b": "1"}}, "no name"),
         ({"surrogates": {"a": "1 + __import__('os')"}}, "surrogates.a"),
         ({"nonnegative": True, "label_is": "sum", "negative": True}, "no word 'negative'"),
     ],

@@ -53,6 +53,11 @@ class LinearFit:
         """Which columns of the design are in a fit."""
         return selected(choices, self.chosen[fit])
 
+    def used(self, choices: Choices) -> Ints:
+        """Which columns of the design are in some fit."""
+        every = [selected(choices, choice) for choice in np.unique(self.chosen, axis=0)]
+        return np.unique(np.concatenate(every)).astype(np.int64)
+
 
 def selected(choices: Choices, chosen: Sequence[int] | Ints) -> Ints:
     """The columns of a choice, in the order of the design."""
