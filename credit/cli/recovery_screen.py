@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -92,7 +92,7 @@ def _level(found: LoggedCredit) -> str:
     return f"{found.found.options.level:.0%} intervals" if found.found.units.enough else "no intervals"
 
 
-def _interval(line: dict[str, Any], key: str) -> str:
+def _interval(line: Mapping[Any, Any], key: str) -> str:
     value, low, high = (line[name] for name in (key, f"{key}_low", f"{key}_high"))
     if value != value:
         return "—"

@@ -102,15 +102,15 @@ def labelled_share(found: Recovered) -> pd.DataFrame:
     share = panel.windows.labelled[np.repeat(np.arange(len(panel.windows)), panel.windows.steps)].mean()
     each = panel.rows / len(panel.windows)
     lines = []
-    for (name, value), (rows, labelled) in counts.items():
-        error = np.sqrt(max(share * (1 - share), 1e-12) / max(rows / each, 1))
-        differs = bool(rows and abs(labelled / rows - share) > LARGE * error)
+    for (name, value), (count, labelled) in counts.items():
+        error = np.sqrt(max(share * (1 - share), 1e-12) / max(count / each, 1))
+        differs = bool(count and abs(labelled / count - share) > LARGE * error)
         lines.append(
             {
                 "column": name,
                 "value": value,
-                "rows": rows,
-                "labelled": labelled / rows if rows else np.nan,
+                "rows": count,
+                "labelled": labelled / count if count else np.nan,
                 "differs": differs,
             }
         )

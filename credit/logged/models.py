@@ -37,9 +37,9 @@ class Model:
         Raises:
             UserError: a sign of what is no feature of the formula.
         """
-        found = {}
+        found = dict[int, int]()
         for name, sign in self.signs.items():
-            touched = self.terms.touching(name) if name in self.terms.columns else []
+            touched = self.terms.touching(name) if name in self.terms.columns else np.zeros(0, dtype=np.int64)
             if not len(touched):
                 raise UserError(
                     f"{self.name}: sign of {name!r}: it is in no term of the formula; "

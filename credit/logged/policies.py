@@ -115,7 +115,7 @@ def _cells(found: Recovered) -> tuple[pd.DataFrame, Floats, Floats]:
     grid = np.meshgrid(*[np.arange(len(one)) for one in levels], indexing="ij")
     frame = pd.DataFrame(
         {
-            name: pd.Categorical.from_codes(code.ravel(), categories=one)
+            name: pd.Categorical.from_codes(code.ravel().tolist(), categories=pd.Index(one))
             for name, code, one in zip(names, grid, levels, strict=True)
         }
     )

@@ -108,7 +108,7 @@ def recover(panel: Panel, models: Sequence[Model], mixer: Mixer, options: Option
     _require_labels(panel)
     bits = panel.roles.label_is == "binary"
     if bits:
-        require_bits(panel.windows.label, panel.windows.id)
+        require_bits(panel.windows.label, list(panel.windows.id))
         if signed := [model.name for model in models if model.signs]:
             raise UserError(f"{signed[0]}: sign: labels are bits, whose models have no signs yet; leave it out")
     models = learned(models, panel)

@@ -100,7 +100,9 @@ def _kept(count: int, names: list[str]) -> dict[str, Floats]:
     if count * len(names) <= IN_MEMORY * 4:
         return {name: np.empty(count) for name in names}
     folder = Path(tempfile.mkdtemp(prefix="credit-"))
-    files = {name: np.lib.format.open_memmap(folder / f"{name}.npy", "w+", shape=(count,)) for name in names}
+    files: dict[str, Floats] = {
+        name: np.lib.format.open_memmap(folder / f"{name}.npy", "w+", shape=(count,)) for name in names
+    }
     for file in folder.iterdir():
         file.unlink()  # the pages live as long as the arrays
     folder.rmdir()

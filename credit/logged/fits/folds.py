@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,12 +31,17 @@ class Folds:
 
     def apart(self, pieces: Moments) -> tuple[Moments, Moments]:
         """Moments of pieces [3K, ...] as what each fold is fitted to, and what it is tested on [K, ...]."""
-        return tuple(stacked([pieces[which].sum(0) for which in side]) for side in zip(*self.of, strict=True))[::-1]
+        tested, fitted = zip(*self.of, strict=True)
+        return _summed(pieces, fitted), _summed(pieces, tested)
 
     @property
     def pieces(self) -> int:
         """3K."""
         return 3 * len(self.of)
+
+
+def _summed(pieces: Moments, several: Iterable[Ints]) -> Moments:
+    return stacked([pieces[which].sum(0) for which in several])
 
 
 def folds_of(windows: Windows, count: int, gap: int) -> Folds:

@@ -22,17 +22,23 @@ LARGEST = 3 * 10**8  # numbers in the moments of all draws
 class Free(Protocol):
     """A term whose parameters are chosen: for each candidate the columns of the design that stand for it."""
 
-    text: str
-    candidates: Sequence[str]
-    columns: Sequence[Ints]
+    @property
+    def text(self) -> str: ...  # noqa: D102
+    @property
+    def candidates(self) -> Sequence[str]: ...  # noqa: D102
+    @property
+    def columns(self) -> Sequence[Ints]: ...  # noqa: D102
 
 
 class Choices(Protocol):
     """What a model's design offers: columns that are always there, and terms of which one candidate each is chosen."""
 
-    names: Sequence[str]
-    fixed: Ints
-    choices: Sequence[Free]
+    @property
+    def names(self) -> Sequence[str]: ...  # noqa: D102
+    @property
+    def fixed(self) -> Ints: ...  # noqa: D102
+    @property
+    def choices(self) -> Sequence[Free]: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
