@@ -20,7 +20,7 @@ from credit.logged.recovering import Recovered
 if TYPE_CHECKING:
     import pandas as pd
 
-ROWS = 100_000  # at most, evenly spread, on which the effect of a mixture is a mean
+ROWS = 20_000  # about as many, evenly spread, tell by how much the effect of a mixture is not the reference's
 MIXTURE = "mixture"
 
 
@@ -33,7 +33,7 @@ class _Sum:
     units: float = 0.0  # Σ (a − a₀)
     cost: float = 0.0
     contrast: list[Floats] | None = None  # Σ φ(a) − φ(a₀) of each model
-    mixture: Floats | None = None  # Σ over the sampled rows, of the point and every draw [1 + B]
+    mixture: Floats | None = None  # Σ over the sampled rows of what it has beyond the reference, in every fit [1 + B]
 
 
 def effects(found: Recovered) -> pd.DataFrame:
@@ -96,6 +96,7 @@ def _sums(found: Recovered, column: Column, baseline: Any) -> dict[Any, _Sum]:
                 assert ours.draws is not None
                 assert base.draws is not None
                 added = np.concatenate([[(ours.credit - base.credit).sum()], (ours.draws - base.draws).sum(1)])
+                added -= thetas[0] @ (here[0][some] - there[0][some]).sum(0)
                 total.mixture = added if total.mixture is None else total.mixture + added
     return sums
 
@@ -113,7 +114,8 @@ def _rows(part: Part, column: Column, levels: list[Any]) -> Iterator[tuple[Any, 
 def _lines(found: Recovered, action: str, level: Any, baseline: Any, total: _Sum) -> Iterator[dict[str, Any]]:
     columns = found.columns
     told, note = True, ""
-    if total.contrast is not None and total.rows:
+    assert total.contrast is not None  # a table has a part
+    if total.rows:
         whole = np.zeros(len(found.models[0].terms.names))
         whole[columns[0]] = total.contrast[0]
         told = bool(found.telling.answers(whole[found.told_columns]))
@@ -128,10 +130,10 @@ def _lines(found: Recovered, action: str, level: Any, baseline: Any, total: _Sum
             "action": action, "level": level, "baseline": baseline, "model": name, "rows": total.rows
         }  # fmt: skip
         if name == MIXTURE and number == len(found.models):
-            scale = total.rows / max(total.sampled, 1)
-            draws = np.zeros(1 + found.options.draws) if total.mixture is None else total.mixture * scale
+            draws = found.fits[0].theta[:, columns[0]] @ total.contrast[0]
+            if total.mixture is not None:
+                draws = draws + total.mixture * (total.rows / max(total.sampled, 1))
         else:
-            assert total.contrast is not None
             draws = found.fits[number].theta[:, columns[number]] @ total.contrast[number]
         if not told:
             draws = np.full_like(draws, np.nan)

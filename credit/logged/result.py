@@ -12,6 +12,7 @@ from credit.logged.effects import MIXTURE, effects
 from credit.logged.fits.telling import WEAK
 from credit.logged.models import Model
 from credit.logged.panel import Panel
+from credit.logged.policies import Logged, policies
 from credit.logged.recovering import Options, Recovered, recover
 from credit.logged.scoring import Judged, Scored, frames, scored
 
@@ -135,6 +136,11 @@ class LoggedCredit:
             value = claims.robustness_value(line["effect"] / error, freedom) if error > 0 else np.nan
             lines.append({"action": line["action"], "level": line["level"], "robustness": value})
         return pd.DataFrame(lines, columns=["action", "level", "robustness"])
+
+    @cached_property
+    def policies(self) -> Logged | None:
+        """A policy that was chosen on half of the windows and valued on the other; None where a cell is not finite."""
+        return policies(self.found)
 
     @property
     def durbin_watson(self) -> float:

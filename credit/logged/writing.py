@@ -55,9 +55,16 @@ class Folder:
 
     def write(self, found: LoggedCredit, format: str = "parquet") -> None:
         """All frames, and numbers in `summary.json`."""
+        import pandas as pd
+
         self._steps(found, format)
         for name in ("windows", "effects", "told", "placebo", "labelled", "robustness"):
             getattr(found, name).to_csv(self.path / f"{name}.csv", index=False)
+        if found.policies is not None and len(found.policies.table):
+            found.policies.table.to_csv(self.path / "policy.csv", index=False)
+            pd.DataFrame([vars(value) for value in found.policies.values]).to_csv(
+                self.path / "policy_values.csv", index=False
+            )
         summary = {
             "said": list(found.said),
             "metrics": {key: None if value != value else value for key, value in found.metrics.items()},
