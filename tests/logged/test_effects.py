@@ -10,8 +10,6 @@ from credit.logged.fits.mixture import mixed
 from credit.recovery.mixers import RelativeMSE
 from tests.logged.test_recovering import found, table
 
-pytestmark = pytest.mark.numerical
-
 
 def test_an_effect_of_a_linear_model_is_its_coefficient_counted_from_the_baseline() -> None:
     frame = table(groups=3).assign(spent=1.0)

@@ -19,8 +19,6 @@ from credit.recovery.mixers import RelativeMSE
 from tests.logged.fits.test_moments import plain
 from tests.logged.residuals.peers import chow_lin
 
-pytestmark = pytest.mark.numerical
-
 MARKETING = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "marketing.py"))
 
 

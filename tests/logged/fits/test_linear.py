@@ -15,8 +15,6 @@ from credit.logged.fits.ridge import LAMBDAS, solutions
 from credit.logged.fits.units import Units
 from tests.logged.fits.test_units import windows
 
-pytestmark = pytest.mark.numerical
-
 
 @dataclass
 class Term:

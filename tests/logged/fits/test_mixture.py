@@ -11,8 +11,6 @@ from credit.logged.fits.mixture import mixed, of_tensors
 from credit.recovery.mixers import ReferenceOnly, RelativeMSE
 from credit.recovery.proxies import gap, mse_proxies
 
-pytestmark = pytest.mark.numerical
-
 
 def made(models: int = 3, rows: int = 17, draws: int = 9) -> tuple[list[np.ndarray], list[np.ndarray]]:
     random = np.random.default_rng(0)

@@ -8,8 +8,6 @@ import pytest
 from credit.logged.fits.moments import Moments, moments, ones, stacked
 from credit.logged.fits.ridge import LAMBDAS, held_out, signed, solutions
 
-pytestmark = pytest.mark.numerical
-
 
 def made(windows: int = 60, size: int = 4, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     random = np.random.default_rng(seed)

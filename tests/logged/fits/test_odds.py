@@ -12,8 +12,6 @@ from credit.logged.fits.units import Units
 from tests.logged.fits.test_linear import Design, Term, design
 from tests.logged.fits.test_units import windows
 
-pytestmark = pytest.mark.numerical
-
 
 def made(count: int = 120, size: int = 4) -> tuple[np.ndarray, np.ndarray]:
     random = np.random.default_rng(0)

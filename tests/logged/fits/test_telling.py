@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-import pytest
 
 from credit.logged.fits.telling import WEAK, remedied, told
 from credit.logged.panel import Part
-
-pytestmark = pytest.mark.numerical
 
 DAYS = ("Mon", "Tue", "Wed", "Thu", "Fri", "Sat", "Sun")
 
