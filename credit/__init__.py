@@ -18,6 +18,7 @@ from credit.renamed import answer_old_imports
 if TYPE_CHECKING:
     from credit.api import check, compare, list, sweep, tune
     from credit.core.errors import UserError
+    from credit.logged.recover import recover
     from credit.runs.composing import compose
     from credit.runs.evaluate import evaluate
     from credit.runs.export import export
@@ -43,6 +44,7 @@ __all__ = [
     "list",
     "load",
     "play",
+    "recover",
     "resume",
     "run",
     "sweep",
@@ -57,6 +59,7 @@ _HOMES = {
     "evaluate": "runs.evaluate",
     "export": "runs.export",
     "play": "runs.play",
+    "recover": "logged.recover",
     "resume": "runs.resume",
 }
 

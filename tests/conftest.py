@@ -30,7 +30,7 @@ settings.register_profile("credit", deadline=None, derandomize=True, database=No
 settings.load_profile("credit")
 
 # Rooms, and files that go there, in which nothing is rounded: all other tests run again under other instruction sets.
-NO_NUMBERS = {"bench", "cli", "config", "docs", "report", "runs", "tracking", "tuning"}
+NO_NUMBERS = {"bench", "cli", "config", "docs", "report", "runs", "tables", "tracking", "tuning"}
 NO_NUMBERS |= {
     f"test_{name}.py"
     for name in ("checkpoint", "dependencies", "job", "locks", "processors", "registry", "runs", "wheel")

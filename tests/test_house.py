@@ -32,18 +32,25 @@ BELOW: dict[str, set[str]] = {  # room → the rooms that it may import, beside 
     "rivals": CORE | TOOLS | {"recovery.models"},  # a rival may use a model of recovery's
     "rounds": CORE,
     "trainer": LOOP,
+    "logged": CORE | {"recovery", "data"},  # the recovery half alone, on tables of rows
     "bridges": CORE | {"envs", "rivals"},  # for agents of other libraries: labels of environments, and rules
     "config": CORE,
     "runs": LOOP | {"config"},
     "tuning": CORE | {"config", "runs"},
     **dict.fromkeys(READERS, CORE | {"runs"}),
-    "cli": LOOP | READERS | {"config", "runs", "tuning", "bench", "testing"},
+    "cli": LOOP | READERS | {"config", "logged", "runs", "tuning", "bench", "testing"},
     "bench": LOOP | READERS | {"config", "runs", "cli", ""},  # the last: `credit` itself, as its users have it
     "testing": LOOP | READERS | {"config", "runs", "cli"},
     "renamed": set(),
     "api": {"core", "config", "runs", "report", "cli"},  # what commands do, from Python
     "__main__": {"cli"},
-    "": {"api", "runs", "envs.registration", "core"},  # credit/__init__.py: `credit.run`, and our Gymnasium ids
+    "": {
+        "api",
+        "logged",
+        "runs",
+        "envs.registration",
+        "core",
+    },  # credit/__init__.py
 }
 ONLY = {  # package → the rooms that know it
     "hydra": {"config", "cli"},

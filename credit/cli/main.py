@@ -20,6 +20,7 @@ from credit.core.version import __version__
 COMMANDS = {
     "train": ("[overrides]", "run one job; with -m a sweep over comma-separated values"),
     "tune": ("[overrides]", "search for a method's best setting, and compare it with the default on other seeds"),
+    "recover": ("DATA [words]", "per-step credit from a table with labels on windows: no simulator"),
     "resume": ("DIR", "finish a run or a sweep from its folder alone"),
     "status": ("", "which commands run now, how far they are, and how the last ones ended"),
     "runs": ("[filters]", "the runs of an output folder: list, filter, delete"),

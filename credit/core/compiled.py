@@ -11,6 +11,7 @@ import os
 from collections.abc import Callable
 from typing import Any
 
+from numpy.typing import NDArray
 from torch import Tensor
 
 
@@ -32,8 +33,8 @@ class Loop:
         self.function, self.__doc__ = function, function.__doc__
         self._compiled: Callable[..., Any] | None = None
 
-    def __call__(self, *given: Tensor | float) -> Any:
-        """What the function makes of tensors on the processor, which it sees as arrays, and numbers."""
+    def __call__(self, *given: Tensor | NDArray[Any] | float) -> Any:
+        """What the function makes of tensors on the processor, which it sees as arrays, of arrays and of numbers."""
         if self._compiled is None:
             self._compiled = _compile(self.function)
         return self._compiled(*[value.numpy() if isinstance(value, Tensor) else value for value in given])

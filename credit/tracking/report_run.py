@@ -40,8 +40,29 @@ def log_beside_runs(output: Path, experiment: str, folder: Path, metrics: Mappin
     return f"Logged to MLflow as run `compare`; look at it with `{dashboard(output, tracking['uri'])}`."
 
 
-def log_report(output: Path, uri: str | None, experiment: str, folder: Path, metrics: Mapping[str, float]) -> str:
-    """Log a folder of tables and figures as one MLflow run named `compare`.
+def log_folder(output: Path, experiment: str, name: str, folder: Path, metrics: Mapping[str, float]) -> str:
+    """Log a folder as a run of its own to the store of an output folder, or to the one that the environment names.
+
+    Args:
+        output: output folder. experiment: of MLflow. name: of the run. folder, metrics: as in `log_report`.
+
+    Returns:
+        What became of it, in one line.
+    """
+    if problem := missing("mlflow"):
+        return f"Not logged to MLflow: {problem}."
+    try:
+        log_report(output, os.environ.get(VARIABLE), experiment, folder, metrics, name)
+    except Exception as error:  # a store that is down must not cost the user what was found
+        reason = (str(error).splitlines() or [""])[0]
+        return f"Not logged to MLflow: {type(error).__name__}: {reason}"
+    return f"Logged to MLflow as run `{name}`; look at it with `{dashboard(output, None)}`."
+
+
+def log_report(
+    output: Path, uri: str | None, experiment: str, folder: Path, metrics: Mapping[str, float], name: str = "compare"
+) -> str:
+    """Log a folder of tables and figures as one MLflow run.
 
     Args:
         output: output folder.
@@ -49,6 +70,7 @@ def log_report(output: Path, uri: str | None, experiment: str, folder: Path, met
         experiment: the experiment that the report is about.
         folder: the folder whose files become artifacts.
         metrics: the few numbers that matter, logged as `report/<name>`; what is not finite is left out.
+        name: of the run.
 
     Returns:
         The run's id.
@@ -59,16 +81,17 @@ def log_report(output: Path, uri: str | None, experiment: str, folder: Path, met
     os.environ.update(quiet_environment())
     from mlflow.entities import Metric
 
+    command = f"credit compare experiment={experiment}" if name == "compare" else f"credit {experiment} {name}"
     client, identity = open_experiment(resolve_uri(uri, output), output, experiment)
     now = round(time.time() * 1000)
     tags = {
         "level": "report",
         "mlflow.note.content": _table_of(folder),
         "mlflow.user": user(),
-        "mlflow.source.name": f"credit compare experiment={experiment}",
+        "mlflow.source.name": command,
         "mlflow.source.type": "LOCAL",
     }
-    run = client.create_run(identity, now, tags, run_name="compare").info.run_id
+    run = client.create_run(identity, now, tags, run_name=name).info.run_id
     # One section of the UI holds them all, folded; each is a column of the table of runs, so there should be few.
     names = {name: metric_name(f"report/{name.replace('/', '_')}") for name in metrics}
     points = [Metric(names[name], x, now, 0) for name, x in metrics.items() if math.isfinite(x)]

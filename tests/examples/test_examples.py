@@ -168,3 +168,22 @@ def test_an_environment_of_ones_own_is_learned(
     assert all(-40 < earned < 40 for earned in found.values())
     assert "earns" in capsys.readouterr().out
     assert len([*tmp_path.glob("outputs/Kiosk-v0/*/*/seed-0/DONE")]) == 2
+
+
+@pytest.mark.thorough
+def test_the_marketing_panel_is_made_as_it_is_kept(tmp_path: Path) -> None:
+    file = tmp_path / "marketing.csv"
+    command = [sys.executable, str(EXAMPLES / "marketing.py"), str(file)]
+    subprocess.run(command, check=True, capture_output=True)
+    pd.testing.assert_frame_equal(pd.read_csv(file), pd.read_csv(EXAMPLES / "marketing.csv"))
+
+
+@pytest.mark.thorough
+def test_coverage_is_of_a_truth_that_is_known() -> None:
+    study = runpy.run_path(str(EXAMPLES / "marketing_coverage.py"))
+    effects = study["one"](1, regions=6, weeks=60, draws=20)
+    assert {*effects["model"]} == {"reference", "actions", "mixture"}
+    tv = effects[(effects["action"] == "tv") & (effects["model"] == "mixture")].iloc[0]
+    assert tv["truth"] == pytest.approx(4.5, rel=0.05)
+    assert tv["per_unit"] == pytest.approx(tv["truth"], rel=0.2)
+    assert study["shown"](effects)["count"].eq(1).all()

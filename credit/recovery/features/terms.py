@@ -6,12 +6,9 @@ others (what R and patsy do). It is shown no data: factors are compiled here, an
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
 from math import prod
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -21,10 +18,9 @@ from credit.core.problem import FLOAT
 from credit.core.steps import Steps
 from credit.recovery.features.coordinates import Coordinate, Coordinates
 from credit.recovery.features.expressions import ALLOWED, Expression
+from credit.recovery.features.grammar import Scoped, complaint, require_few, require_powers, scoped
 
 LARGEST = 10_000  # columns
-POWER = 5  # largest power of terms: (s + a)**5; what is written out grows with it as powers do
-MARKED = re.compile(r"⧛(?:\x1b\[[\d;]*m)?(.*?)(?:\x1b\[[\d;]*m)?⧚", re.DOTALL)  # the place that formulaic points at
 
 Part = Callable[[Steps], Tensor]  # steps → [..., k]
 
@@ -81,13 +77,14 @@ class Parsed:
         found, said = None, "there is nothing in it"
         if formula.strip():
             try:
-                _require_powers(formula)
+                require_powers(formula)
+                require_few(formula, LARGEST)
                 found = formulaic.Formula(formula)
                 said = "there is no term in it" if found == [] else "~ and | make several formulas, and one is wanted"
             except UserError as error:
                 said = str(error)
             except Exception as error:  # of any kind, where the text is no formula
-                said = _said(error)
+                said = complaint(error)
         if not isinstance(found, formulaic.SimpleFormula) or not found:
             raise UserError(f"features.formula={formula!r}: {said}; write terms like 1 + s + a + s:a ({ALLOWED})")
         expressions: dict[str, Expression] = {}
@@ -124,7 +121,7 @@ class Parsed:
                 "of that size is reward=ridge_table"
             )
         parts = {text: self._part(text, found, levels.get(text)) for text in self.expressions}
-        return [self._block(scoped, parts, found, levels) for scoped in _scoped(self.terms, self.expressions, levels)]
+        return [self._block(each, parts, found, levels) for each in scoped(self.terms, self.expressions, levels)]
 
     def _part(self, text: str, found: dict[str, Coordinate], levels: int | None) -> Callable[[int], Part]:
         """What a factor is, less its first so many columns."""
@@ -143,7 +140,7 @@ class Parsed:
 
     def _block(
         self,
-        scoped: _Scoped,
+        scoped: Scoped,
         parts: dict[str, Callable[[int], Part]],
         found: dict[str, Coordinate],
         levels: dict[str, int],
@@ -159,46 +156,6 @@ class Parsed:
         )
 
 
-@dataclass(frozen=True)
-class _Scoped:
-    """A product of factors, each with all of its columns or without the first."""
-
-    scale: float
-    factors: tuple[tuple[str, bool], ...]
-
-
-def _scoped(
-    terms: Iterable[Sequence[str]], expressions: dict[str, Expression], levels: dict[str, int]
-) -> list[_Scoped]:
-    """Which columns of which factors are multiplied, as formulaic decides it from their kinds alone.
-
-    Each factor is shown to it as a column of one row: a number, or a category with its levels.
-    """
-    import formulaic
-    import pandas as pd
-    from formulaic.parser.types import Factor, Term
-
-    names = {text: f"f{i}" for i, text in enumerate(expressions)}
-    texts = {name: text for text, name in names.items()}
-    frame = pd.DataFrame(
-        {
-            name: pd.Categorical([0], categories=range(levels[text])) if text in levels else [1.0]
-            for text, name in names.items()
-        },
-        index=[0],
-    )
-    shown = [
-        Term(Factor(names[text]) if text in names else Factor(text, eval_method="literal") for text in term)
-        for term in terms
-    ]
-    spec: Any = formulaic.model_matrix(formulaic.SimpleFormula(shown, _ordering="none"), frame).model_spec
-    return [
-        _Scoped(float(scoped.scale), tuple((texts[each.factor.expr], bool(each.reduced)) for each in scoped.factors))
-        for term in spec.structure
-        for scoped in term.scoped_terms
-    ]
-
-
 def _levels(text: str, coordinate: Coordinate) -> int:
     if coordinate.levels is None:
         raise UserError(
@@ -206,34 +163,3 @@ def _levels(text: str, coordinate: Coordinate) -> int:
             "for a coordinate cut into cells"
         )
     return coordinate.levels
-
-
-def _require_powers(formula: str) -> None:
-    """Refuse powers of one term, which are that term, and such as would take for ever to write out."""
-    from formulaic.parser import DefaultFormulaParser
-
-    tokens = list(DefaultFormulaParser().get_tokens(formula))
-    for base, (before, token) in zip(tokens, pairwise(tokens[1:]), strict=False):
-        if before.token not in ("**", "^") or not token.token.isdecimal():
-            continue
-        if base.token != ")":
-            text = f"{base.token}**{token.token}"
-            raise UserError(
-                f"{text}, at character {(base.source_start or 0) + 1}, is a power of a term, which is {base.token} "
-                f"itself; the power of a number is {{{text}}} or I({text})"
-            )
-        if int(token.token) > POWER:
-            raise UserError(
-                f"a power {token.token} of terms, at character {token.source_start + 1}, at most {POWER} is written "
-                "out; the power of a number stands in braces: {s**8}"
-            )
-
-
-def _said(error: Exception) -> str:
-    """What formulaic says, and where."""
-    message, *_ = str(error).strip().splitlines() or [type(error).__name__]
-    message = message.rstrip(".")
-    if (mark := MARKED.search(str(error))) is None:
-        return message.partition(". ")[0]
-    before = str(error)[: mark.start()].rpartition("\n\n")[2]
-    return f"{message} (at character {len(before) + 1}: {mark[1]!r})"

@@ -86,6 +86,8 @@ def test_the_default_is_bilinear() -> None:
         ("I(s ^ 2)", "no arithmetic"),
         ("log(C(a))", "categories are no numbers"),
         ("(s + a)**20", "at most 5"),
+        ("*".join(f"s{i}" for i in range(40)), "more than 10000 terms"),  # 2⁴⁰
+        ("(" + " + ".join(f"s{i}" for i in range(30)) + ")**5", "more than 10000 terms"),
         ("1 + s**2 + a", r"s\*\*2, at character 5, is a power of a term.*\{s\*\*2\} or I\(s\*\*2\)"),
         ("s^2", r"I\(s\*\*2\)"),
         ("(s + a)**2 + log(1 + s)**3", r"which is log\(1 \+ s\) itself"),

@@ -1,0 +1,92 @@
+"""`credit recover DATA`: per-step credit from logged data, without a simulator."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
+from credit.cli.main import guarded
+
+if TYPE_CHECKING:
+    from credit.cli.recovery_words import Request
+
+HELP = """\
+Recover a reward for every row of a table from labels on windows of rows, with intervals, and where models disagree.
+
+Usage: credit recover DATA [key=value] ... [-m] [--explain] [--config-dir DIR]
+       credit recover NEW --model DIR          score new rows by a model that was kept
+
+  DATA                   CSV or Parquet: a file, a folder, a pattern in quotes
+
+what the columns are; what is not said is guessed, and it is said what was (--explain: guess only, fit nothing)
+  data.window=COLUMN     rows that share a label                        data.label=COLUMN  the label
+  data.labels=FILE       a second table with one row a window           data.time=COLUMN   order of rows
+  data.group=COLUMN      series of their own                            data.label_is=sum|mean|last|binary
+  data.actions=[A,B]     what was done                                  data.states=[C,D]  what was there
+  data.stock=[E]         levels, not flows                              data.missing=error|drop|mean
+  data.baseline={A: 0}   what effects are counted from                  data.cost={A: COLUMN}
+  data.calendar=[weekday,month]  what dates become                      data.randomised=[A]  data.propensity=COLUMN
+
+models: formulas as in R, with lag(x, k), adstock(x, decay), saturate(x, half), whose numbers are chosen where left out
+  reference.formula='1 + price + adstock(tv)'                           (all columns)
+  surrogates.NAME.formula='1 + price + bs(day, 4)'                      (actions alone)
+  …regularization=NUMBER   λ in windows (chosen by contiguous folds)    …sign={tv: positive}
+  mixer=NAME mixer.KEY=VALUE                                            (relative_mse)
+
+how
+  draws=200 level=.9 folds=5 gap=WINDOWS seed=0
+  residual=ar1|uniform   how what is left of a label goes to its rows   (ar1)        rho=NUMBER (estimated)
+  nonnegative=true       no balanced credit below 0                     (false)
+  output=DIR             the folder RECOVERY is made in                 (outputs/recover)
+  name=NAME              what the folder is called                      (the file's name)
+  format=parquet|csv     of steps                                       (csv for a CSV file)
+  tracking=mlflow|none                                                  (mlflow)
+  from=FILE.yaml         keys as above, under those on the command line
+
+-m runs one recovery for each of several values: credit recover sales.csv -m mixer=relative_mse,stacking
+
+Example:
+  credit recover examples/marketing.csv
+"""
+
+
+def main(argv: list[str]) -> int:
+    """Recover; 0 where it came to an end."""
+    if {"-h", "--help"} & set(argv):
+        print(HELP, end="")
+        return 0
+    from credit.cli.recovery_words import requests
+
+    asked = requests(argv)
+    for one in asked:
+        one.check()
+    for number, one in enumerate(asked):
+        if len(asked) > 1:
+            print(f"[{number + 1}/{len(asked)}] {' '.join(one.words)}")
+        _one(one)
+    return 0
+
+
+def _one(asked: Request) -> None:
+    from credit.cli.recovery_screen import explained, shown
+    from credit.logged.tables.opening import opened
+
+    panel = opened(asked.data, asked.ask.data)
+    models = asked.ask.models(panel)
+    explained(panel, models, asked)
+    if asked.explain:
+        return
+    from credit.logged.writing import Folder
+
+    with Folder.made(asked.folder, asked.words) as folder:
+        found = asked.ask.recover(panel)
+        folder.write(found, asked.format)
+    shown(found, asked.folder)
+    if asked.tracked:
+        from credit.tracking.report_run import log_folder
+
+        print(log_folder(asked.output, "recover", asked.name, asked.folder, found.metrics))
+
+
+if __name__ == "__main__":
+    sys.exit(guarded("recover", sys.argv[1:]))

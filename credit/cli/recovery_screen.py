@@ -1,0 +1,99 @@
+"""What `credit recover` shows: before the fit what it will do, and behind it what was found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from credit.cli.output import page
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from credit.cli.recovery_words import Request
+    from credit.logged.models import Model
+    from credit.logged.panel import Panel
+    from credit.logged.result import LoggedCredit
+
+
+def explained(panel: Panel, models: Sequence[Model], asked: Request) -> None:
+    """What the table is taken to be, and what is to be fitted."""
+    console, roles, windows = page(), panel.roles, panel.windows
+    groups = f" in {len(windows.groups)} groups ({roles.group})" if roles.group else ""
+    labels = int(windows.labelled.sum())
+    console.print(f"{panel.source}: {panel.rows:,} rows, {len(windows):,} windows ({roles.window}){groups}")
+    console.print(f"label    {roles.label}, the {roles.label_is} of a window's rows; {labels:,} windows have one")
+    for name, columns in (("actions", roles.actions), ("states", roles.states), ("stock", roles.stock)):
+        if columns:
+            console.print(f"{name:<8} {', '.join(columns)}")
+    for model in models:
+        formula = model.terms.formula or "1 + every column"
+        shown = f"{model.name:<8} {formula}  ({len(model.terms.names)} columns with all candidates)"
+        console.print(shown if model.terms.choices else f"{model.name:<8} {formula}")
+    for sentence in panel.said:
+        console.print(f"  · {sentence}")
+    if asked.explain:
+        options = asked.ask.options
+        console.print(
+            f"{options.draws} draws, intervals of {options.level:.0%}, {options.folds} contiguous folds, residual "
+            f"{options.residual}; the result goes to {asked.folder}; nothing was fitted"
+        )
+
+
+def shown(found: LoggedCredit, folder: Path) -> None:
+    """What was found."""
+    console = page()
+    for sentence in found.said[len(found.found.panel.said) :]:
+        console.print(f"  · {sentence}")
+    for name, choice in found.chosen.items():
+        if choice:
+            console.print(f"  · {name}: {', '.join(choice.values())}")
+    _untold(console, found)
+    _effects(console, found)
+    for name, (alike, last) in found.r_squared.items():
+        console.print(f"held-out R² of {name}: {alike:.3f} against all steps alike, {last:.3f} against the last window")
+    console.print(f"\nresult   {folder}", soft_wrap=True)
+    console.print("  " + "  ".join(sorted(path.name for path in folder.iterdir())))
+
+
+def _untold(console: Console, found: LoggedCredit) -> None:
+    for one in found.found.telling.relations:
+        console.print(f"  · not told by these windows: {one.text}; {one.remedy}")
+    for line in found.told[found.told["told"] == "badly"].to_dict("records"):
+        console.print(
+            f"  · told badly: {line['column']} moves with {line['partner']} (its variance is "
+            f"{line['inflation']:.0f} times as large)"
+        )
+
+
+def _effects(console: Console, found: LoggedCredit) -> None:
+    from rich import box
+    from rich.table import Table
+
+    effects = found.effects
+    if not len(effects):
+        return
+    main = effects[effects["model"] == found.models[-1]]
+    table = Table(
+        box=box.SIMPLE, title=f"what actions were worth ({found.models[-1]}, {_level(found)})", title_justify="left"
+    )
+    for name in ("action", "baseline", "per unit", "total", "note"):
+        table.add_column(name, justify="left" if name in ("action", "note") else "right")
+    for line in main.to_dict("records"):
+        named = line["action"] if line["level"] is None else f"{line['action']}={line['level']}"
+        table.add_row(
+            named, str(line["baseline"]), _interval(line, "per_unit"), _interval(line, "total"), line["note"]
+        )  # fmt: skip
+    console.print(table)
+
+
+def _level(found: LoggedCredit) -> str:
+    return f"{found.found.options.level:.0%} intervals" if found.found.units.enough else "no intervals"
+
+
+def _interval(line: Mapping[Any, Any], key: str) -> str:
+    value, low, high = (line[name] for name in (key, f"{key}_low", f"{key}_high"))
+    if value != value:
+        return "—"
+    return f"{value:.4g}" if low != low else f"{value:.4g} [{low:.4g}, {high:.4g}]"

@@ -1,0 +1,284 @@
+"""The words of `credit recover`: what they ask for, each of several recoveries apart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from credit.config import classes, files, registry, schema
+from credit.core import signatures
+from credit.core.errors import UserError, nearest
+from credit.core.naming import is_name
+from credit.core.signatures import signature
+from credit.logged.asking import REFERENCE, Ask
+from credit.logged.recovering import Options
+from credit.logged.tables.words import Words
+
+if TYPE_CHECKING:
+    from credit.core.seams import Mixer
+
+OWN = ("output", "name", "format", "tracking", "from")  # of this command alone
+FORMATS, TRACKING = ("csv", "parquet"), ("mlflow", "none")
+FLAGS = ("-m", "--multirun", "--explain")
+PATHS = ("--model", "--config-dir", "-cd")  # take a word
+Tree = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Request:
+    """One recovery.
+
+    Attributes:
+        data: the table. words: as they were typed. ask: what is asked. explain: fit nothing. model: score by this one.
+        output, name: the folder is OUTPUT/NAME. format: of steps. tracked: whether it is logged to MLflow.
+    """
+
+    data: str
+    words: tuple[str, ...]
+    ask: Ask
+    explain: bool
+    model: Path | None
+    output: Path
+    name: str
+    format: str
+    tracked: bool
+
+    @property
+    def folder(self) -> Path:
+        """Where it goes."""
+        return self.output / self.name
+
+    def check(self) -> None:
+        """Refuse what can be refused before anything is read.
+
+        Raises:
+            UserError: no such table, or no place for the result.
+        """
+        if self.folder.exists() and not self.folder.is_dir():
+            raise UserError(f"{self.folder}: there is a file of that name; choose another by name=… or output=…")
+
+
+def requests(argv: Sequence[str]) -> list[Request]:
+    """What a command line asks for: one recovery, or with -m one for each of several values.
+
+    Raises:
+        UserError: with all words that are wrong.
+    """
+    flags, options, words = _sorted(argv)
+    data = [word for word in words if "=" not in word or Path(word).exists()]
+    keys = [word for word in words if word not in data]
+    if len(data) != 1:
+        shown = ", ".join(map(repr, data)) or "none"
+        raise UserError(f"one table is needed, got {shown}; `credit recover --help` says more")
+    several = bool({"-m", "--multirun"} & {*flags})
+    every = [*_each(keys)] if several else [keys]
+    config_dirs = [options[key] for key in ("--config-dir", "-cd") if key in options]
+    found = [_request(data[0], one, flags, options, config_dirs) for one in every]
+    if several and len(found) > 1:
+        found = [_named(one, every, number) for number, one in enumerate(found)]
+    return found
+
+
+def _sorted(argv: Sequence[str]) -> tuple[list[str], dict[str, str], list[str]]:
+    flags, options, words, rest = list[str](), dict[str, str](), list[str](), list(argv)
+    while rest:
+        word = rest.pop(0)
+        name, equals, value = word.partition("=")
+        if word in FLAGS:
+            flags.append(word)
+        elif name in PATHS:
+            if not equals and not rest:
+                raise UserError(f"{name} needs a folder")
+            options[name] = value if equals else rest.pop(0)
+        elif word.startswith("-") and not word.startswith("--=") and not Path(word).exists():
+            raise UserError(f"{word!r} is no option here; {nearest(word, [*FLAGS, *PATHS])}; settings are key=value")
+        else:
+            words.append(word)
+    return flags, options, words
+
+
+def _each(words: Sequence[str]) -> Iterator[list[str]]:
+    """The words of each of several recoveries: all values of all words with each other."""
+    choices = [[f"{key}={value}" for value in _values(key, text)] for key, _, text in (w.partition("=") for w in words)]
+    for one in product(*choices):
+        yield list(one)
+
+
+def _values(key: str, text: str) -> list[str]:
+    """Values with commas between them; those within brackets and quotes are one."""
+    found, depth, quote, begin = list[str](), 0, "", 0
+    for at, letter in enumerate(text):
+        if quote:
+            quote = "" if letter == quote else quote
+        elif letter in "'\"":
+            quote = letter
+        elif letter in "([{":
+            depth += 1
+        elif letter in ")]}":
+            depth -= 1
+        elif letter == "," and not depth:
+            found.append(text[begin:at])
+            begin = at + 1
+    found = [*found, text[begin:]]
+    if not all(value.strip() for value in found) and len(found) > 1:
+        raise UserError(f"{key}={text}: there is nothing between two commas; leave one out")
+    return found
+
+
+def _named(one: Request, every: Sequence[Sequence[str]], number: int) -> Request:
+    """The same, in a folder named by what differs."""
+    from dataclasses import replace
+
+    shared = set.intersection(*(set(words) for words in every))
+    slug = ",".join(word for word in every[number] if word not in shared)
+    safe = "".join(letter if letter.isalnum() or letter in "=.,_-" else "-" for letter in slug)[:120]
+    return replace(one, name=f"{one.name}/{number:02d}-{safe}")
+
+
+def _request(
+    data: str, words: Sequence[str], flags: Sequence[str], options: Mapping[str, str], config_dirs: Sequence[str]
+) -> Request:
+    tree = _tree(words)
+    if (file := tree.pop("from", None)) is not None:
+        tree = _merged(_file(file), tree)
+    problems: list[str] = []
+    own = {key: tree.pop(key) for key in OWN if key in tree}
+    mixer = tree.pop("mixer", None)
+    known = [*OWN, "mixer", "data", REFERENCE, "surrogates", *(one.name for one in fields(Options))]
+    problems += [f"unknown key {key!r}; {nearest(key, known)}" for key in tree if key not in known]
+    for key, allowed in (("format", FORMATS), ("tracking", TRACKING)):
+        if key in own and own[key] not in allowed:
+            problems.append(f"{key}={own[key]}: {nearest(str(own[key]), allowed)}")
+    name = str(own.get("name", _stem(data)))
+    if not all(is_name(part) for part in name.split("/")):
+        problems.append(f"name={name}: {name!r} is no name; {is_name.__doc__}")
+    built = None
+    try:
+        built = _mixer(mixer, config_dirs)
+        ask = Ask.of({key: value for key, value in tree.items() if key in known}, built)
+        Words.of(ask.data)
+    except UserError as error:
+        problems += str(error).splitlines()
+    if problems:
+        raise UserError("\n".join([*problems, "`credit recover --help` lists what can be set"]))
+    format_ = own.get("format", "csv" if data.lower().endswith(".csv") else "parquet")
+    model = Path(options["--model"]) if "--model" in options else None
+    output = Path(str(own.get("output", "outputs"))) / "recover"
+    return Request(
+        data, tuple(words), ask, "--explain" in flags, model, output, name, format_, own.get("tracking") != "none"
+    )
+
+
+def _stem(data: str) -> str:
+    """A name for the folder of a table's recovery."""
+    stem = Path(data.rstrip("/*?")).stem or "data"
+    stem = "".join(letter if letter.isalnum() or letter in "_-." else "-" for letter in stem).strip("-.") or "data"
+    return stem if is_name(stem) else f"data-{stem}"
+
+
+def _tree(words: Sequence[str]) -> Tree:
+    """Words as nested mappings.
+
+    Raises:
+        UserError: a word that is none, or a key that is given twice.
+    """
+    tree: Tree = {}
+    problems = []
+    for word in words:
+        key, _, text = word.partition("=")
+        path = key.split(".")
+        if not all(path):
+            problems.append(f"{word!r}: {key!r} is no key; write data.window=week, draws=100")
+            continue
+        try:
+            value = _value(key, text)
+        except UserError as error:
+            problems.append(str(error))
+            continue
+        node = tree
+        for part in path[:-1]:
+            inner = node.setdefault(part, {})
+            if not isinstance(inner, dict):  # mixer=best mixer.alpha=1
+                inner = node[part] = {"": inner}
+            node = inner
+        if path[-1] in node and not isinstance(node[path[-1]], dict):
+            problems.append(f"{key} is given twice; leave one of them out")
+        elif isinstance(node.get(path[-1]), dict) and not isinstance(value, dict):
+            node[path[-1]][""] = value
+        else:
+            node[path[-1]] = value
+    if problems:
+        raise UserError("\n".join(problems))
+    return tree
+
+
+def _value(key: str, text: str) -> Any:
+    """A value as Hydra reads it; formulas and names of columns are texts."""
+    raw = text.strip()
+    if key.endswith(".formula") or key in (REFERENCE, "from", "output", "name", "data.labels"):
+        return raw[1:-1] if len(raw) > 1 and raw[0] == raw[-1] and raw[0] in "'\"" else raw
+    override = registry.parse(f"key={text}")
+    if override.is_sweep_override():
+        raise UserError(f"{key}={text}: several values are several recoveries; add -m, or write a list, [a, b]")
+    return _plain(override.value())
+
+
+def _plain(value: Any) -> Any:
+    """Hydra's quoted strings as texts."""
+    if isinstance(value, Mapping):
+        return {str(getattr(key, "text", key)): _plain(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_plain(each) for each in value]
+    return getattr(value, "text", value)
+
+
+def _file(file: Any) -> Tree:
+    path = Path(str(file))
+    if not path.is_file():
+        raise UserError(f"from={file}: there is no such file")
+    found = files.read(path)
+    return dict(found)
+
+
+def _merged(under: Tree, over: Tree) -> Tree:
+    both = dict(under)
+    for key, value in over.items():
+        old = both.get(key)
+        both[key] = _merged(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
+    return both
+
+
+def _mixer(given: Any, config_dirs: Sequence[str]) -> Mixer | None:
+    """A registered mixer, by its option and its keys."""
+    if given is None:
+        return None
+    keys = dict(given) if isinstance(given, Mapping) else {"": given}
+    option = str(keys.pop("", keys.pop("option", "relative_mse")))
+    options = files.options("mixer", config_dirs)
+    if option not in options:
+        raise UserError(f"mixer={option}: there is no such mixer; {nearest(option, options)}")
+    node = classes.node_of_option("mixer", option, config_dirs)
+    cls = classes.resolve("mixer", node)
+    hints = signature(cls)
+    for key, value in keys.items():
+        if key not in hints:
+            raise UserError(f"mixer.{key}: unknown key; {nearest(key, hints)}")
+        if reason := signatures.refusal(hints[key][0], value):
+            raise UserError(f"mixer.{key}={value!r}: {reason}")
+    made: Mixer = schema.build({"mixer": node | keys}, "mixer")
+    if made.sees_label_errors:
+        raise UserError(
+            f"mixer={option}: it weighs models by draws that a run's bootstrap holds out, and there are none here; "
+            "relative_mse, best, uniform and reference_only are for logged data"
+        )
+    return made
+
+
+def saved(request: Request) -> str:
+    """A request as YAML, from which `from=` makes it again."""
+    return yaml.safe_dump(_tree(request.words), sort_keys=False, allow_unicode=True)

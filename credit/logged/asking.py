@@ -1,0 +1,151 @@
+"""What a user asks of a recovery from logged data, as plain values: checked, and made into models and options."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from keyword import iskeyword
+from typing import TYPE_CHECKING, Any
+
+from credit.core import signatures
+from credit.core.errors import UserError, nearest
+from credit.core.naming import is_name
+from credit.core.signatures import signature
+from credit.logged.formulas.terms import Terms
+from credit.logged.models import Model
+from credit.logged.panel import Panel
+from credit.logged.recovering import Options
+
+if TYPE_CHECKING:
+    from credit.core.seams import Mixer
+    from credit.logged.result import LoggedCredit
+
+MODEL = ("formula", "regularization", "sign")
+REFERENCE = "reference"
+CARRIED = 8  # actions at most for which it is tried unasked what is carried on
+PLAIN = "actions"  # the surrogate where none is given
+
+
+@dataclass(frozen=True)
+class Ask:
+    """A request.
+
+    Attributes:
+        data: the words `data.*`. reference: formula, regularization, sign. surrogates: name → the same; None: actions
+            alone, where there are states, too. options: how. mixer: of the models.
+    """
+
+    data: Mapping[str, Any] = field(default_factory=dict)
+    reference: Mapping[str, Any] = field(default_factory=dict)
+    surrogates: Mapping[str, Mapping[str, Any]] | None = None
+    options: Options = field(default_factory=Options)
+    mixer: Mixer | None = None
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any], mixer: Mixer | None = None) -> Ask:
+        """Check plain values: data, reference, surrogates, and the fields of `Options`.
+
+        Raises:
+            UserError: with all that is wrong.
+        """
+        known = [*(one.name for one in fields(Options)), "data", REFERENCE, "surrogates"]
+        problems = [
+            f"{key}: there is no such key; {nearest(key, [*known, 'mixer'])}" for key in given if key not in known
+        ]
+        options = {key: value for key, value in given.items() if key in {one.name for one in fields(Options)}}
+        for key, value in options.items():
+            if reason := signatures.refusal(signature(Options)[key][0], value):
+                problems.append(f"{key}={value!r}: {reason}")
+        reference = _model(REFERENCE, given.get(REFERENCE) or {}, problems)
+        surrogates = given.get("surrogates")
+        if surrogates is not None:
+            if not isinstance(surrogates, Mapping):
+                problems.append(f"surrogates={surrogates!r}: a mapping belongs here, name → formula")
+                surrogates = {}
+            problems += [
+                f"surrogates.{name}: {name!r} is no name for a surrogate; {is_name.__doc__}"
+                for name in surrogates
+                if not is_name(str(name)) or str(name) == REFERENCE
+            ]
+            surrogates = {str(name): _model(f"surrogates.{name}", one, problems) for name, one in surrogates.items()}
+        if problems:
+            raise UserError("\n".join(problems))
+        return cls(dict(given.get("data") or {}), reference, surrogates, Options(**options), mixer)
+
+    def models(self, panel: Panel) -> list[Model]:
+        """The models, the reference first.
+
+        Raises:
+            UserError: a formula that is none, or a sign of what is not in it.
+        """
+        roles = panel.roles
+        actions = _carried(panel)
+        reference = dict(self.reference)
+        if reference.get("formula") is None and actions:
+            reference["formula"] = " + ".join(["1", *actions, *map(quoted, roles.states)])
+        found = [_made(REFERENCE, REFERENCE, reference, panel)]
+        surrogates = self.surrogates
+        if surrogates is None:
+            plain = " + ".join(["1", *(actions or map(quoted, roles.actions))])
+            surrogates = {PLAIN: {"formula": plain}} if roles.actions and roles.states else {}
+        found += [_made(f"surrogates.{name}", name, one, panel) for name, one in surrogates.items()]
+        for model in found:
+            model.bound()
+        return found
+
+    def recover(self, panel: Panel) -> LoggedCredit:
+        """Fit the models to an opened table, and score it."""
+        from credit.logged.result import LoggedCredit
+        from credit.recovery.mixers import RelativeMSE
+
+        return LoggedCredit.of(panel, self.models(panel), self.mixer or RelativeMSE(), self.options)
+
+
+def _carried(panel: Panel) -> list[str]:
+    """Terms of actions that may act on later rows, too, where it can be tried: folds choose how much is carried on.
+
+    There is an order in time, actions are few, and those that are numbers are amounts.
+    """
+    roles = panel.roles
+    numbers = [name for name in roles.actions if panel.columns[name].levels is None]
+    if roles.time is None or not numbers or len(numbers) > CARRIED or importlib.util.find_spec("formulaic") is None:
+        return []
+    amounts = {name for name in numbers if panel.columns[name].least >= 0 and name not in roles.stock}
+    return [f"adstock({quoted(name)})" if name in amounts else quoted(name) for name in roles.actions]
+
+
+def quoted(name: str) -> str:
+    """A column's name as a formula has it."""
+    return name if name.isidentifier() and not iskeyword(name) else f"`{name}`"
+
+
+def _model(path: str, given: Any, problems: list[str]) -> dict[str, Any]:
+    """A model's keys; a text is its formula."""
+    if isinstance(given, str):
+        return {"formula": given}
+    if not isinstance(given, Mapping):
+        problems.append(f"{path}={given!r}: a formula belongs here, or a mapping of {', '.join(MODEL)}")
+        return {}
+    found = dict(given)
+    for key, value in given.items():
+        if key not in MODEL:
+            problems.append(f"{path}.{key}: there is no such key; {nearest(str(key), MODEL)}")
+        elif key == "formula" and not (value is None or isinstance(value, str)):
+            found[key] = str(value)  # 1
+        elif key == "regularization" and not (
+            value is None or (isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < 1e300)
+        ):
+            problems.append(f"{path}.regularization={value!r}: a number belongs here, 0 or more; null: chosen by folds")
+        elif key == "sign" and not isinstance(value, Mapping):
+            problems.append(f"{path}.sign={value!r}: a mapping belongs here, such as {{tv: positive}}")
+    return found
+
+
+def _made(path: str, name: str, given: Mapping[str, Any], panel: Panel) -> Model:
+    try:
+        terms = Terms.of(given.get("formula"), panel.columns, panel.roles)
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
+    regularization = given.get("regularization")
+    return Model(name, terms, None if regularization is None else float(regularization), dict(given.get("sign") or {}))

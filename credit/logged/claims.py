@@ -1,0 +1,129 @@
+"""What a recovery must not claim: checks that a reader of an effect is owed, each with what it means.
+
+* lead placebo: the next window's action cannot cause this label. If it "explains" it, something else moves both.
+* robustness value (Cinelli and Hazlett 2020): what share of what is left of the label, and of the action, something
+  that was not measured would have to explain to bring an effect to nothing.
+* labelled share: where labels are missing more often under some actions or states, they are no fair sample.
+* Durbin–Watson: 2 where residuals of windows that follow each other are not correlated.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from credit.logged.fits.linear import Fitting
+from credit.logged.fits.ridge import solutions
+from credit.logged.models import windowed
+from credit.logged.panel import INTERCEPT, Column, Floats, Windows
+from credit.logged.recovering import Recovered
+from credit.logged.residuals.whitening import Layout, whiten
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+BINS = 3  # of a number, in which the share of labels is told
+LARGE = 3.0  # standard errors from which on a share of labels differs
+
+
+def durbin_watson(residuals: Floats, windows: Windows) -> float:
+    """Σ (e_t − e_{t−1})² / Σ e_t² over windows that follow each other in a group; residuals [W], NaN for none."""
+    follows = (np.diff(windows.group) == 0) & np.isfinite(residuals[1:]) & np.isfinite(residuals[:-1])
+    total = np.nansum(residuals**2)
+    return float((np.diff(residuals)[follows] ** 2).sum() / total) if total > 0 else float("nan")
+
+
+def robustness_value(ratio: float, freedom: float) -> float:
+    """½ (√(f⁴ + 4f²) − f²) with f = |t| / √ν, for an estimate of t standard errors with ν degrees of freedom."""
+    f = abs(ratio) / np.sqrt(freedom)
+    return float((np.sqrt(f**4 + 4 * f**2) - f**2) / 2)
+
+
+def placebo(found: Recovered) -> pd.DataFrame:
+    """For each action that is a number: what the next window's amount of it would be worth to this label.
+
+    Columns: action, estimate, low, high (at the recovery's level, from its draws), explains.
+    """
+    import pandas as pd
+
+    actions = [name for name in found.panel.roles.actions if found.panel.columns[name].levels is None]
+    if not actions or found.bits or len(found.folds.of) < 1:
+        return pd.DataFrame(columns=["action", "estimate", "low", "high", "explains"])
+    windows = found.panel.windows
+    _, amounts = windowed(found.panel, [], actions)
+    same = np.append(np.diff(windows.group) == 0, False)
+    lead = np.where(same[:, None], np.roll(amounts, -1, axis=0), 0.0)
+    known = windows.labelled & same
+    x = np.concatenate([found.windows[0][:, found.told_columns], lead], axis=1)
+    y = np.where(known, windows.label, 0.0)
+    if found.rho != 0:
+        layout = Layout.of(windows.steps, windows.group, known, found.panel.roles.label_is)
+        x, y = whiten(x, layout, found.rho).values, whiten(y[:, None], layout, found.rho).values[:, 0]
+    fitting = Fitting(found.folds, found.units, found.options.draws, found.options.seed)
+    whole = fitting.moments(x, y, known).sum(0)
+    free = _intercept(found)
+    theta = solutions(whole, found.fits[0].penalty[:, None], free)[:, 0, -len(actions) :]
+    spread = theta[1:].std(0) * found.units.correction
+    half = found.units.quantile(found.options.level) * spread
+    return pd.DataFrame(
+        {
+            "action": actions,
+            "estimate": theta[0],
+            "low": theta[0] - half,
+            "high": theta[0] + half,
+            "explains": np.abs(theta[0]) > half,
+        }
+    )
+
+
+def _intercept(found: Recovered) -> int | None:
+    names = [found.models[0].terms.names[column] for column in found.told_columns]
+    return names.index(INTERCEPT) if INTERCEPT in names else None
+
+
+def labelled_share(found: Recovered) -> pd.DataFrame:
+    """For each feature and each of its values, or thirds of its numbers: which share of rows lies in labelled windows.
+
+    Columns: column, value, rows, labelled, differs (by more than three standard errors from that of all rows, with as
+    many independent rows as windows).
+    """
+    import pandas as pd
+
+    panel = found.panel
+    counts: dict[tuple[str, str], list[float]] = {}
+    for part in panel.parts():
+        held = panel.windows.labelled[part.window]
+        for name in panel.roles.features:
+            for value, rows in _bins(part.frame[name], panel.columns[name]):
+                entry = counts.setdefault((name, value), [0, 0])
+                entry[0] += int(rows.sum())
+                entry[1] += int((rows & held).sum())
+    share = panel.windows.labelled[np.repeat(np.arange(len(panel.windows)), panel.windows.steps)].mean()
+    each = panel.rows / len(panel.windows)
+    lines = []
+    for (name, value), (count, labelled) in counts.items():
+        error = np.sqrt(max(share * (1 - share), 1e-12) / max(count / each, 1))
+        differs = bool(count and abs(labelled / count - share) > LARGE * error)
+        lines.append(
+            {
+                "column": name,
+                "value": value,
+                "rows": count,
+                "labelled": labelled / count if count else np.nan,
+                "differs": differs,
+            }
+        )
+    return pd.DataFrame(lines, columns=["column", "value", "rows", "labelled", "differs"])
+
+
+def _bins(series: pd.Series, column: Column) -> list[tuple[str, np.ndarray]]:
+    if column.levels is not None:
+        codes, levels = series.cat.codes.to_numpy(), list(series.cat.categories)
+        return [(str(level), codes == code) for code, level in enumerate(levels)]
+    values = series.to_numpy(np.float64)
+    edges = np.unique(np.quantile(np.array(column.quantiles), np.linspace(0, 1, BINS + 1)[1:-1]))
+    which = np.searchsorted(edges, values, side="left")
+    low = [column.least, *edges]
+    high = [*edges, column.most]
+    return [(f"{low[at]:.4g} to {high[at]:.4g}", which == at) for at in range(len(edges) + 1)]

@@ -1,0 +1,214 @@
+"""Linear models of a step's credit, fitted to labels of windows: the point fit and every draw, each with its own λ."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from credit.core.errors import UserError
+from credit.logged.fits.folds import Folds
+from credit.logged.fits.moments import Moments, moments
+from credit.logged.fits.ridge import LAMBDAS, held_out, signed, solutions
+from credit.logged.fits.units import Units
+from credit.logged.panel import INTERCEPT, Floats, Ints
+
+SWEEPS = 2  # over the terms whose parameters are chosen
+LARGEST = 3 * 10**8  # numbers in the moments of all draws
+
+
+class Free(Protocol):
+    """A term whose parameters are chosen: for each candidate the columns of the design that stand for it."""
+
+    @property
+    def text(self) -> str: ...  # noqa: D102
+    @property
+    def candidates(self) -> Sequence[str]: ...  # noqa: D102
+    @property
+    def columns(self) -> Sequence[Ints]: ...  # noqa: D102
+
+
+class Choices(Protocol):
+    """What a model's design offers: columns that are always there, and terms of which one candidate each is chosen."""
+
+    @property
+    def names(self) -> Sequence[str]: ...  # noqa: D102
+    @property
+    def fixed(self) -> Ints: ...  # noqa: D102
+    @property
+    def choices(self) -> Sequence[Free]: ...  # noqa: D102
+
+
+@dataclass(frozen=True)
+class LinearFit:
+    """A model that was fitted; the point fit is the first of 1 + B.
+
+    Attributes:
+        theta: [1 + B, D], 0 for columns that were not chosen. penalty: λ of each [1 + B]. chosen: the candidate of each
+            free term [1 + B, terms]. errors: Σ over folds of squared errors of labels of the point fit, at its λ.
+    """
+
+    theta: Floats
+    penalty: Floats
+    chosen: Ints
+    errors: float
+
+    def columns(self, choices: Choices, fit: int = 0) -> Ints:
+        """Which columns of the design are in a fit."""
+        return selected(choices, self.chosen[fit])
+
+    def used(self, choices: Choices) -> Ints:
+        """Which columns of the design are in some fit."""
+        every = [selected(choices, choice) for choice in np.unique(self.chosen, axis=0)]
+        return np.unique(np.concatenate(every)).astype(np.int64)
+
+
+def selected(choices: Choices, chosen: Sequence[int] | Ints) -> Ints:
+    """The columns of a choice, in the order of the design."""
+    picked = [free.columns[number] for free, number in zip(choices.choices, chosen, strict=True)]
+    return np.unique(np.concatenate([choices.fixed, *picked])).astype(np.int64)
+
+
+def intercept_of(choices: Choices) -> int | None:
+    """The column that is 1 in every row, where there is one."""
+    return next((number for number, name in enumerate(choices.names) if name == INTERCEPT), None)
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """How models are fitted to windows.
+
+    Args:
+        folds: on which λ and parameters of terms are chosen. units: what draws weigh. draws: B. seed: of the draws.
+    """
+
+    folds: Folds
+    units: Units | None
+    draws: int = 0
+    seed: int = 0
+
+    def moments(self, x: Floats, y: Floats, known: np.ndarray) -> Moments:
+        """Of every piece of the folds, in every fit [pieces, 1 + B], from labelled windows alone."""
+        fits = 1 + self.draws
+        if (numbers := self.folds.pieces * fits * x.shape[1] ** 2) > LARGEST:
+            raise UserError(
+                f"a model has {x.shape[1]} columns with those of all candidates; with {self.draws} draws and "
+                f"{len(self.folds.of)} folds its moments are {numbers:.1e} numbers, at most {LARGEST:.0e} are kept; "
+                "use fewer draws or folds, fewer candidates (adstock(x, [.3, .6])), or categories with fewer values"
+            )
+        unit = np.zeros(len(y), dtype=np.int64) if self.units is None else self.units.of
+        where = np.flatnonzero(known)
+
+        def weights(units: Ints) -> Floats:
+            if self.units is None:
+                return np.ones((len(units), 1))
+            return self.units.weights(units, self.draws, self.seed)
+
+        return moments(x[where], y[where], self.folds.piece[where], unit[where], weights, self.folds.pieces, fits)
+
+    def fit(
+        self,
+        choices: Choices,
+        pieces: Moments,
+        regularization: float | None = None,
+        signs: Mapping[int, int] | None = None,
+        start: Sequence[int] | None = None,
+    ) -> LinearFit:
+        """Choose candidates and λ in every fit by contiguous folds, and solve it.
+
+        Args:
+            choices: of the model. pieces: moments [pieces, 1 + B]. regularization: λ; None: chosen.
+            signs: column → +1 or −1, the sign that its effect may have. start: candidates to begin with.
+        """
+        penalties = LAMBDAS if regularization is None else np.array([float(regularization)])
+        free = intercept_of(choices)
+        fits = pieces.yy.shape[1]
+        chosen = np.zeros((fits, len(choices.choices)), dtype=np.int64)
+        theta, penalty, first = np.zeros((fits, pieces.xy.shape[-1])), np.zeros(fits), 0.0
+        if choices.choices and len(self.folds.of) > 1:
+            begin = list(start) if start is not None else [0] * len(choices.choices)
+            for fit in range(fits):
+                sweeps = SWEEPS if fit == 0 else 1
+                chosen[fit] = self._choose(choices, pieces[:, fit], penalties, free, begin, sweeps)
+                begin = list(chosen[0])
+        for choice in np.unique(chosen, axis=0):  # all fits with the same columns at once
+            own = np.flatnonzero((chosen == choice).all(1)).astype(np.int64)
+            columns = selected(choices, choice)
+            inside = _place(columns, free)
+            part = pieces[:, own].of(columns)
+            errors = held_out(*self.folds.apart(part), penalties, inside) if len(self.folds.of) > 1 else None
+            plain = len(penalties) // 2 if regularization is None else 0  # there is nothing to try it on
+            best = np.full(len(own), plain) if errors is None else np.asarray(errors).argmin(-1)
+            penalty[own] = penalties[best]
+            if own[0] == 0 and errors is not None:
+                first = float(errors[0, best[0]])
+            theta[own[:, None], columns] = _solved(part.sum(0), penalty[own], columns, inside, signs)
+        return LinearFit(theta, penalty, chosen, first)
+
+    def without(
+        self,
+        choices: Choices,
+        pieces: Moments,
+        fit: LinearFit,
+        fold: int,
+        draws: int,
+        signs: Mapping[int, int] | None = None,
+    ) -> Floats:
+        """θ [1 + draws, D] of the first fits, with their λ and candidates, without a fold and what touches it."""
+        theta = np.zeros((1 + draws, pieces.xy.shape[-1]))
+        free = intercept_of(choices)
+        for choice in np.unique(fit.chosen[: 1 + draws], axis=0):
+            own = np.flatnonzero((fit.chosen[: 1 + draws] == choice).all(1)).astype(np.int64)
+            columns = selected(choices, choice)
+            part = pieces[self.folds.of[fold][1]][:, own].of(columns).sum(0)
+            theta[own[:, None], columns] = _solved(part, fit.penalty[own], columns, _place(columns, free), signs)
+        return theta
+
+    def _choose(
+        self, choices: Choices, pieces: Moments, penalties: Floats, free: int | None, begin: list[int], sweeps: int
+    ) -> list[int]:
+        """The candidate of each term, one term after the other, that predicts labels best which were held out: with the
+        λ that is best for the candidates so far."""
+        fitted, tested = self.folds.apart(pieces)
+
+        def errors(columns: Ints, penalties: Floats) -> Floats:
+            return held_out(fitted.of(columns), tested.of(columns), penalties, _place(columns, free))
+
+        chosen, before = list(begin), list[int]()
+        for _ in range(sweeps):
+            penalty = penalties
+            if len(penalties) > 1:
+                penalty = penalties[[int(errors(selected(choices, chosen), penalties).argmin())]]
+            for term, one in enumerate(choices.choices):
+                offered = [
+                    selected(choices, [*chosen[:term], number, *chosen[term + 1 :]])
+                    for number in range(len(one.columns))
+                ]
+                if len({(len(columns), _place(columns, free)) for columns in offered}) == 1:
+                    costs = errors(np.stack(offered), penalty)[:, 0]
+                else:
+                    costs = np.array([errors(columns, penalty)[0] for columns in offered])
+                chosen[term] = int(costs.argmin())
+            if chosen == before:
+                break
+            before = list(chosen)
+        return chosen
+
+
+def _solved(
+    moments: Moments, penalty: Floats, columns: Ints, free: int | None, signs: Mapping[int, int] | None
+) -> Floats:
+    """θ [F, d] of fits with the same columns."""
+    theta = solutions(moments, penalty[:, None], free)[:, 0]
+    if signs and (bound := np.array([signs.get(int(column), 0) for column in columns])).any():
+        for number in range(len(theta)):
+            theta[number] = signed(moments[number], penalty[number], free, bound)
+    return theta
+
+
+def _place(columns: Ints, free: int | None) -> int | None:
+    """Where the intercept is among some columns."""
+    places = [] if free is None else np.flatnonzero(np.atleast_2d(columns)[0] == free).tolist()
+    return places[0] if places else None

@@ -1,0 +1,197 @@
+"""What a recovery from logged data found, as frames: steps, windows, effects, and what is to be said of them."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from credit.logged import claims
+from credit.logged.effects import MIXTURE, effects
+from credit.logged.fits.telling import WEAK
+from credit.logged.models import Model
+from credit.logged.panel import Panel
+from credit.logged.policies import Logged, policies
+from credit.logged.recovering import Options, Recovered, recover
+from credit.logged.scoring import Judged, Scored, frames, scored
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import pandas as pd
+
+    from credit.core.seams import Mixer
+
+
+class LoggedCredit:
+    """Credit of every row of a table, recovered from labels on windows.
+
+    Attributes:
+        found: models, weights, what is resampled. rows: credit of all rows. judged: what windows say of it.
+
+    Example:
+        >>> found = credit.recover(frame, window="week", label="sales")
+        >>> found.steps["credit"], found.effects[["action", "per_unit", "per_unit_low", "per_unit_high"]]
+    """
+
+    def __init__(self, found: Recovered, rows: Scored, judged: Judged) -> None:
+        self.found, self.rows, self.judged = found, rows, judged
+
+    @classmethod
+    def of(cls, panel: Panel, models: Sequence[Model], mixer: Mixer, options: Options) -> LoggedCredit:
+        """Fit models, score all rows, judge them."""
+        found = recover(panel, models, mixer, options)
+        return cls(found, *scored(found))
+
+    @property
+    def models(self) -> tuple[str, ...]:
+        """Names, and the mixture where there are several."""
+        return (*self.found.names, *([MIXTURE] if len(self.found.models) > 1 else []))
+
+    @cached_property
+    def steps(self) -> pd.DataFrame:
+        """A row of what was given each, in that order: credit, its interval, credit that adds up, each model's, and
+        where they disagree. An interval is one for the *expected* credit of a row, not for what happened in it."""
+        import pandas as pd
+
+        return pd.concat(list(frames(self.found, self.rows))).sort_index(kind="stable")
+
+    @cached_property
+    def windows(self) -> pd.DataFrame:
+        """A row a window: label, what credit adds up to, the prediction of fits that had not seen it, residual."""
+        import pandas as pd
+
+        windows, roles = self.found.panel.windows, self.found.panel.roles
+        groups = {roles.group: [windows.groups[code] for code in windows.group]} if roles.group else {}
+        return pd.DataFrame(
+            {
+                **groups,
+                roles.window: windows.id,
+                "steps": windows.steps,
+                "label": windows.label,
+                "predicted": self.judged.fitted,
+                "held_out": self.judged.held_out[-1],
+                "residual": windows.label - self.judged.fitted,
+                "fold": self.found.folds.fold,
+            }
+        )
+
+    @cached_property
+    def effects(self) -> pd.DataFrame:
+        """What each action was worth, by each model and the mixture; `effects.effects` says the columns."""
+        return effects(self.found)
+
+    @cached_property
+    def told(self) -> pd.DataFrame:
+        """What the windows tell of the reference's columns: column, coefficient, told (yes, badly, no), inflation,
+        partner, relation, remedy."""
+        import pandas as pd
+
+        found, telling = self.found, self.found.telling
+        relation = {int(column): one for one in telling.relations for column in one.columns}
+        lines = []
+        for number, name in enumerate(telling.names):
+            one = relation.get(number)
+            weak = telling.inflation[number] > WEAK
+            own = found.fits[0].theta[:, found.told_columns[number]]
+            half = found.factor * own[1:].std() if len(own) > 1 else np.nan
+            value = np.nan if one is not None else own[0]
+            partner = telling.partner[number]
+            lines.append(
+                {
+                    "column": name,
+                    "coefficient": value,
+                    "low": value - half,
+                    "high": value + half,
+                    "told": "no" if one is not None else "badly" if weak else "yes",
+                    "inflation": telling.inflation[number],
+                    "partner": telling.names[partner] if weak and partner >= 0 else "",
+                    "relation": one.text if one is not None else "",
+                    "remedy": one.remedy if one is not None else "",
+                }
+            )
+        return pd.DataFrame(lines)
+
+    @cached_property
+    def placebo(self) -> pd.DataFrame:
+        """Does the next window's action "explain" this label?"""
+        return claims.placebo(self.found)
+
+    @cached_property
+    def labelled(self) -> pd.DataFrame:
+        """Which share of rows has labels, by action and state."""
+        return claims.labelled_share(self.found)
+
+    @cached_property
+    def robustness(self) -> pd.DataFrame:
+        """How strong something unmeasured would have to be to bring an effect of the reference to nothing."""
+        import pandas as pd
+
+        found, lines = self.found, []
+        freedom = max(int(found.panel.windows.labelled.sum()) - found.telling.rank, 1)
+        for line in self.effects[self.effects["model"] == found.names[0]].to_dict("records"):
+            half = (line["effect_high"] - line["effect_low"]) / 2
+            error = half / found.units.quantile(found.options.level)
+            value = claims.robustness_value(line["effect"] / error, freedom) if error > 0 else np.nan
+            lines.append({"action": line["action"], "level": line["level"], "robustness": value})
+        return pd.DataFrame(lines, columns=["action", "level", "robustness"])
+
+    @cached_property
+    def policies(self) -> Logged | None:
+        """A policy that was chosen on half of the windows and valued on the other; None where a cell is not finite."""
+        return policies(self.found)
+
+    @property
+    def durbin_watson(self) -> float:
+        """Of what is left of labels, 2 for no correlation."""
+        residuals = self.found.panel.windows.label - self.judged.fitted
+        return claims.durbin_watson(residuals, self.found.panel.windows)
+
+    @property
+    def r_squared(self) -> dict[str, tuple[float, float]]:
+        """Of each model: held-out R² against all steps alike, and against the last window's share."""
+        alike, last = self.judged.r_squared
+        return {name: (float(alike[at]), float(last[at])) for at, name in enumerate(self.models)}
+
+    @property
+    def metrics(self) -> dict[str, float]:
+        """Numbers for a run."""
+        found, windows = self.found, self.found.panel.windows
+        numbers: dict[str, float] = {
+            "rows": found.panel.rows, "windows": len(windows), "labelled": int(windows.labelled.sum()),
+            "rank": found.telling.rank, "columns": len(found.telling.names), "units": len(found.units),
+            "rho": found.rho, "durbin_watson": self.durbin_watson,
+        }  # fmt: skip
+        for name, (alike, last) in self.r_squared.items():
+            numbers |= {f"r2_{name}": alike, f"r2_last_{name}": last}
+        for name, fit in zip(found.names, found.fits, strict=True):
+            numbers[f"lambda_{name}"] = float(fit.penalty[0])
+        for name, weight in zip(found.names, self.rows.weights, strict=True):
+            numbers[f"weight_{name}"] = float(weight.mean())
+        return numbers
+
+    @property
+    def chosen(self) -> dict[str, dict[str, str]]:
+        """Of each model, the parameters that folds chose for its terms."""
+        return {
+            model.name: {free.text: free.candidates[fit.chosen[0][at]] for at, free in enumerate(model.terms.choices)}
+            for model, fit in zip(self.found.models, self.found.fits, strict=True)
+        }
+
+    @property
+    def said(self) -> tuple[str, ...]:
+        """What was guessed, chosen or left out, a sentence each."""
+        found = self.found
+        sentences = [*found.panel.said, found.units.said]
+        if found.options.residual == "ar1" and not found.bits:
+            sentences.append(f"what is left of labels lasts from row to row with ρ = {found.rho:.3f}")
+        return tuple(sentences)
+
+    def __repr__(self) -> str:
+        windows = self.found.panel.windows
+        alike = self.r_squared[self.models[-1]][0]
+        return (
+            f"LoggedCredit({self.found.panel.rows} rows, {len(windows)} windows, {'+'.join(self.found.names)}, "
+            f"held-out R² {alike:.3f})"
+        )

@@ -1,0 +1,199 @@
+"""What a recovery says of rows: credit, its interval, each model's part, and credit that adds up to the labels."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from credit.logged.fits.folds import r_squared
+from credit.logged.fits.mixture import mixed
+from credit.logged.models import Pass, aggregated, parts_of
+from credit.logged.panel import Floats, Part
+from credit.logged.recovering import Recovered
+from credit.logged.residuals.balance import balanced
+from credit.logged.residuals.whitening import Layout, errors
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+IN_MEMORY = 20_000_000  # numbers of a column that are kept in memory; more lie in a file
+
+
+@dataclass(frozen=True)
+class Scored:
+    """All rows, in the order of the panel.
+
+    Attributes:
+        credit, low, high, balanced, disagreement: [n]; intervals NaN where there are none, balanced NaN for bits.
+        each, weights: of each model [M, n]. number: the row's number in what was given [n].
+    """
+
+    credit: Floats
+    low: Floats
+    high: Floats
+    balanced: Floats
+    disagreement: Floats
+    each: Floats
+    weights: Floats
+    number: np.ndarray
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What windows say of a recovery.
+
+    Attributes:
+        fitted: what credit adds up to [W]. held_out: what is predicted of each label by fits that have not seen its
+            fold; of each model and the mixture, the last, [M + 1, W]. alike: predicted where all rows are alike [W].
+            persistent: that a window is as the last one before it whose label the fits saw [W].
+        r_squared: held out, of each model and the mixture, against `alike`; against `persistent` for the second row
+            [2, M + 1]. For bits the Brier score takes the place of squared errors, which is the same sum.
+    """
+
+    fitted: Floats
+    held_out: Floats
+    alike: Floats
+    persistent: Floats
+    r_squared: Floats
+
+
+def scored(found: Recovered) -> tuple[Scored, Judged]:
+    """Score all rows and judge them by their windows."""
+    count, models = found.panel.rows, len(found.models)
+    kept = _kept(count, ["credit", "low", "high", "disagreement"])
+    each, weights = _kept(count, [str(m) for m in range(models)]), _kept(count, [f"w{m}" for m in range(models)])
+    number = np.empty(count, dtype=np.int64)
+    windows = len(found.panel.windows)
+    fitted, held_out = np.empty(windows), np.full((models + 1, windows), np.nan)
+    columns = found.columns
+    thetas = [fit.theta[:, own] for fit, own in zip(found.fits, columns, strict=True)]
+    rows = Pass(found.panel, found.models, columns)
+    for part, at in parts_of(found.panel):
+        designs = rows.of(part)
+        what = mixed(designs, thetas, found.mixer)
+        kept["credit"][at], kept["disagreement"][at] = what.credit, what.disagreement
+        half = found.factor * what.deviation
+        kept["low"][at], kept["high"][at] = what.credit - half, what.credit + half
+        for m in range(models):
+            each[str(m)][at], weights[f"w{m}"][at] = what.each[m], what.weights[m]
+        number[at] = part.frame.index
+        own = slice(int(part.window[0]), int(part.window[-1]) + 1)
+        fitted[own] = aggregated(part, what.credit, found.panel.roles)
+        _hold_out(found, part, designs, columns, held_out[:, own])
+    if found.bits:
+        fitted = _odds(fitted, found.intercepts[0][0])
+        balanced_rows = np.full(count, np.nan)
+    else:
+        balanced_rows = _balanced(found, kept["credit"], fitted)
+    every = np.stack([each[str(m)] for m in range(models)]), np.stack([weights[f"w{m}"] for m in range(models)])
+    rows_ = Scored(kept["credit"], kept["low"], kept["high"], balanced_rows, kept["disagreement"], *every, number)
+    return rows_, _judged(found, fitted, held_out)
+
+
+def _kept(count: int, names: list[str]) -> dict[str, Floats]:
+    """A column each, in memory, or in files that go with them where they are long."""
+    if count * len(names) <= IN_MEMORY * 4:
+        return {name: np.empty(count) for name in names}
+    folder = Path(tempfile.mkdtemp(prefix="credit-"))
+    files: dict[str, Floats] = {
+        name: np.lib.format.open_memmap(folder / f"{name}.npy", "w+", shape=(count,)) for name in names
+    }
+    for file in folder.iterdir():
+        file.unlink()  # the pages live as long as the arrays
+    folder.rmdir()
+    return files
+
+
+def _hold_out(found: Recovered, part: Part, designs: list[Floats], columns: list[np.ndarray], out: Floats) -> None:
+    """Predictions of the labels of a part's windows [M + 1, w] by fits that have not seen their fold."""
+    if len(found.held) < 2:
+        return
+    first = int(part.window[0])
+    fold = found.folds.fold[part.window]
+    sums = np.zeros((len(out), len(part)))
+    for number, thetas in enumerate(found.held):
+        rows = np.flatnonzero(fold == number)
+        if not len(rows):
+            continue
+        some = [design[rows] for design in designs]
+        what = mixed(some, [theta[:, own] for theta, own in zip(thetas, columns, strict=True)], found.mixer)
+        sums[:-1, rows], sums[-1, rows] = what.each, what.credit
+    out[:] = aggregated(part, sums.T, found.panel.roles).T
+    if found.bits:
+        for number, intercepts in enumerate(found.held_intercepts):
+            own = found.folds.fold[first : first + out.shape[1]] == number
+            for m in range(len(out)):
+                out[m, own] = _odds(out[m, own], intercepts[min(m, len(intercepts) - 1) if m < len(out) - 1 else 0][0])
+
+
+def _odds(sums: Floats, intercept: float) -> Floats:
+    return 1 / (1 + np.exp(-(sums + intercept)))
+
+
+def _balanced(found: Recovered, credit: Floats, fitted: Floats) -> Floats:
+    windows, roles = found.panel.windows, found.panel.roles
+    given = None
+    if found.rho != 0:
+        layout = Layout.of(windows.steps, windows.group, windows.labelled, roles.label_is)
+        given = errors(np.where(windows.labelled, windows.label - fitted, np.nan), layout, found.rho).rows()
+    return balanced(
+        credit,
+        windows.label,
+        windows.steps,
+        roles.label_is,
+        errors=given,
+        nonnegative=found.options.nonnegative,
+        ids=list(windows.id),
+    )
+
+
+def _judged(found: Recovered, fitted: Floats, held_out: Floats) -> Judged:
+    windows, roles = found.panel.windows, found.panel.roles
+    share = windows.steps.astype(np.float64) if roles.label_is == "sum" else np.ones(len(windows))
+    alike, persistent = np.full(len(windows), np.nan), np.full(len(windows), np.nan)
+    for number, (_, pieces) in enumerate(found.folds.of):
+        own = found.folds.fold == number
+        seen = np.isin(found.folds.piece, pieces) & windows.labelled
+        if not seen.any():
+            continue
+        rate = windows.label[seen].sum() / share[seen].sum()
+        alike[own] = rate * share[own]
+    previous = np.where(windows.labelled, windows.label / share, np.nan)
+    last = _before(previous, windows.group)
+    persistent = np.where(np.isfinite(last), last * share, alike)
+    scores = np.array([[r_squared(windows.label, one, plain) for one in held_out] for plain in (alike, persistent)])
+    return Judged(fitted, held_out, alike, persistent, scores)
+
+
+def _before(values: Floats, group: np.ndarray) -> Floats:
+    """The last value before each window in its group [W], NaN where there is none."""
+    place = np.where(np.isfinite(values), np.arange(len(values)), -1)
+    latest = np.maximum.accumulate(place)
+    before = np.concatenate([[-1], latest[:-1]])
+    good = (before >= 0) & (group[np.maximum(before, 0)] == group)
+    return np.where(good, values[np.maximum(before, 0)], np.nan)
+
+
+def frames(found: Recovered, rows: Scored) -> Iterator[pd.DataFrame]:
+    """The rows part by part, with what tells which they are: group, window and time, and their number as index."""
+    import pandas as pd
+
+    roles = found.panel.roles
+    keys = [name for name in (roles.group, roles.window, roles.time) if name is not None]
+    for part, at in parts_of(found.panel):
+        columns = {
+            "credit": rows.credit[at],
+            "credit_low": rows.low[at],
+            "credit_high": rows.high[at],
+            "credit_balanced": rows.balanced[at],
+        }
+        for m, name in enumerate(found.names):
+            columns |= {f"credit_{name}": rows.each[m, at], f"weight_{name}": rows.weights[m, at]}
+        columns["disagreement"] = rows.disagreement[at]
+        own = part.frame[[key for key in keys if key in part.frame.columns]]
+        yield pd.concat([own, pd.DataFrame(columns, index=part.frame.index)], axis=1)

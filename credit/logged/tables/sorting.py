@@ -1,0 +1,102 @@
+"""Rows brought into the order of groups and, within a group, of time; equal ones stay as they lay."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from credit.core.errors import UserError
+from credit.logged.panel import Floats, Ints, Roles
+from credit.logged.tables.columns import codes
+from credit.logged.tables.sources import MEMORY, FrameSource, Source
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from credit.logged.tables.clock import Clock
+
+
+def in_order(source: Source, columns: Sequence[str], roles: Roles, clock: Clock | None, memory: int = MEMORY) -> Source:
+    """The same rows, sorted: in memory where they fit, and else by DuckDB.
+
+    Args:
+        columns: all that are needed. memory: bytes; without DuckDB four times as many are taken before giving up.
+
+    Raises:
+        UserError: there are too many rows to be sorted in memory, and there is no DuckDB.
+    """
+    rank = _ranks(source, roles)
+
+    def keys(frame: pd.DataFrame, rows: Ints) -> tuple[Ints, Floats]:
+        group = np.zeros(len(rows), dtype=np.int64)
+        if roles.group is not None:
+            found, names = codes(frame[roles.group])
+            group = np.array([rank[name] for name in names.tolist()])[found]
+        time = clock(frame[clock.column], rows, source.name) if clock else np.zeros(len(rows))
+        return group, time.astype(np.float64)
+
+    size = source.bytes(len(columns))
+    if not isinstance(source, FrameSource) and size > memory:
+        from credit.logged.tables.parquets import ParquetSource, by_duckdb
+
+        try:
+            assert isinstance(source, ParquetSource)
+            return by_duckdb(source, columns, keys, memory)
+        except ImportError:
+            if size > 4 * memory:
+                named = " and ".join(name for name in (roles.group, roles.time) if name)
+                raise UserError(
+                    f"{source.name}: {source.rows} rows are not in the order of {named}, and too many to be sorted in "
+                    "memory; pip install 'credit-rl[duckdb]', or sort the files"
+                ) from None
+    frame, rows = source.whole(columns)
+    group, time = keys(frame, rows)
+    order = np.lexsort((time, group))
+    return FrameSource(frame.iloc[order].reset_index(drop=True), source.name, rows[order])
+
+
+def _ranks(source: Source, roles: Roles) -> dict[Any, int]:
+    """Groups' places in the order of their names."""
+    if roles.group is None:
+        return {}
+    seen: dict[Any, None] = {}
+    for frame, rows in source.chunks([roles.group]):
+        found, names = codes(frame[roles.group])
+        if (found < 0).any():
+            row = rows[int((found < 0).argmax())]
+            raise UserError(
+                f"{source.name}: {roles.group} of row {row} is missing, and it says the row's group; fill it in"
+            )
+        seen |= dict.fromkeys(names.tolist())
+    try:
+        names_in_order = sorted(seen)
+    except TypeError:
+        names_in_order = sorted(seen, key=str)
+    return {name: i for i, name in enumerate(names_in_order)}
+
+
+def twins(source: Source, columns: Sequence[str], tied: Ints) -> NDArray[np.bool_]:
+    """Which rows equal the one before in all columns, of those that share its group, window and time [k].
+
+    Args:
+        tied: their places in the order.
+    """
+    import pandas as pd
+
+    same = np.zeros(len(tied), dtype=bool)
+    first, last = 0, None
+    for frame, rows in source.chunks(columns):
+        inside = (tied >= first) & (tied < first + len(rows))
+        at = tied[inside] - first + 1
+        whole = pd.concat([frame.iloc[:1] if last is None else last, frame], ignore_index=True)
+        equal = np.ones(len(at), dtype=bool)
+        for name in columns:
+            now, before = whole[name].iloc[at].reset_index(drop=True), whole[name].iloc[at - 1].reset_index(drop=True)
+            alike = (now.astype(object) == before.astype(object)) | (now.isna() & before.isna())
+            equal &= alike.to_numpy(dtype=bool)
+        same[inside] = equal
+        first, last = first + len(rows), frame.iloc[-1:]
+    return same

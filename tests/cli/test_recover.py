@@ -1,0 +1,128 @@
+"""`credit recover` as a user types it."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from credit.cli.main import main
+from tests.logged.test_recovering import table
+
+WORDS = ("data.window=w", "data.label=y", "data.time=t", "data.group=g", "data.actions=[x]", "data.states=[z]")
+QUICK = ("draws=20", "tracking=none")
+
+
+@pytest.fixture
+def sales(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    table(groups=2).to_csv("sales.csv", index=False)
+    return Path("sales.csv")
+
+
+def recover(*words: str) -> int:
+    return main(["recover", *words])
+
+
+def test_a_folder_holds_what_was_found(sales: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert recover("sales.csv", *WORDS, *QUICK) == 0
+    folder = Path("outputs/recover/sales")
+    assert (folder / "DONE").exists()
+    steps = pd.read_csv(folder / "steps.csv")
+    assert len(steps) == 400
+    assert {"credit", "credit_low", "credit_high", "credit_balanced", "disagreement", "weight_reference"} <= {*steps}
+    assert len(pd.read_csv(folder / "windows.csv")) == 80
+    assert json.loads((folder / "summary.json").read_text())["metrics"]["rows"] == 400
+    shown = capsys.readouterr().out
+    for words in ("400 rows, 80 windows", "what actions were worth", "held-out R² of mixture", str(folder)):
+        assert words in shown
+
+
+def test_parquet_gives_parquet_and_the_same(sales: Path) -> None:
+    pd.read_csv(sales).to_parquet("sales.parquet")
+    assert recover("sales.parquet", *WORDS, *QUICK, "name=again") == 0
+    assert recover("sales.csv", *WORDS, *QUICK) == 0
+    one = pd.read_parquet("outputs/recover/again/steps.parquet")
+    pd.testing.assert_frame_equal(one, pd.read_csv("outputs/recover/sales/steps.csv"), check_dtype=False)
+
+
+def test_explain_fits_and_writes_nothing(sales: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert recover("sales.csv", "--explain") == 0
+    assert "nothing was fitted" in capsys.readouterr().out
+    assert not Path("outputs").exists()
+
+
+def test_several_values_are_several_recoveries(sales: Path) -> None:
+    several = ("mixer=best,relative_mse", "reference.formula=1 + x,1 + x + z")
+    assert recover("sales.csv", "-m", *WORDS, *QUICK, *several) == 0
+    folders = sorted(path.name for path in Path("outputs/recover/sales").iterdir())
+    assert len(folders) == 4
+    assert folders[0].startswith("00-mixer=best")
+
+
+def test_keys_may_stand_in_a_file_and_the_command_line_counts_more(sales: Path) -> None:
+    Path("how.yaml").write_text("draws: 15\nreference: {formula: 1 + x}\nsurrogates: {z: 1 + z}\n")
+    assert recover("sales.csv", *WORDS, "tracking=none", "from=how.yaml", "surrogates.z.formula=1 + x + z") == 0
+    assert {"weight_reference", "weight_z"} <= {*pd.read_csv("outputs/recover/sales/steps.csv")}
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ((), "one table is needed"),
+        (("none.csv",), "none.csv"),
+        (("sales.csv", "drws=3"), "did you mean 'draws'"),
+        (("sales.csv", "draws=0"), "draws=0"),
+        (("sales.csv", "draws=3", "draws=4"), "given twice"),
+        (("sales.csv", "data.window=wek"), "no such column"),
+        (("sales.csv", "data.widow=w"), "did you mean 'window'"),
+        (("sales.csv", "mixer=bst"), "did you mean 'best'"),
+        (("sales.csv", "mixer=best", "mixer.alpha=1"), "mixer.alpha"),
+        (("sales.csv", "mixer=stacking"), "stacking"),
+        (("sales.csv", "mixer=best,uniform"), "add -m"),
+        (("sales.csv", "reference.formula=1 + (x"), "formula"),
+        (("sales.csv", "reference.formula=1 + open('x')"), "open"),
+        (("sales.csv", "surrogates.a.formula=x.__class__"), "surrogates.a"),
+        (("sales.csv", "format=xml"), "format=xml"),
+        (("sales.csv", "name=../x"), "no name"),
+        (("sales.csv", "--explian"), "did you mean '--explain'"),
+        (("sales.csv", "from=none.yaml"), "no such file"),
+    ],
+)
+def test_bad_input_is_refused_and_nothing_is_made(
+    sales: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], said: str
+) -> None:
+    assert recover(*words) == 2
+    assert said in capsys.readouterr().err
+    assert not Path("outputs").exists()
+
+
+def test_what_fails_half_way_leaves_nothing(sales: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    frame = pd.read_csv(sales)
+    frame.assign(y=frame["y"] - 100).to_csv("below.csv", index=False)
+    assert recover("below.csv", *WORDS, *QUICK, "nonnegative=true") == 2
+    assert "nonnegative" in capsys.readouterr().err
+    assert list(Path("outputs/recover").iterdir()) == []
+
+
+def test_a_folder_of_something_else_is_not_written_over(sales: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("outputs/recover/sales").mkdir(parents=True)
+    Path("outputs/recover/sales/mine.txt").write_text("mine")
+    assert recover("sales.csv", *WORDS, *QUICK) == 2
+    assert Path("outputs/recover/sales/mine.txt").read_text() == "mine"
+
+
+@pytest.mark.thorough
+def test_a_stranger_types_the_file_alone(tmp_path: Path) -> None:
+    example = Path(__file__).parents[2] / "examples" / "marketing.csv"
+    environment = os.environ | {"OMP_NUM_THREADS": "1", "COLUMNS": "80"}
+    command = [sys.executable, "-m", "credit", "recover", str(example), "draws=20"]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "adstock(tv, 0.8)" in done.stdout
+    assert "Logged to MLflow" in done.stdout

@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from credit.core.errors import UserError
+from credit.logged.panel import Roles
+from credit.logged.tables.guesses import Sample, named
+from credit.logged.tables.roles import settled
+from credit.logged.tables.words import Words
+
+from .tables import marketing
+
+
+def guessed(frame: pd.DataFrame, **given: Any) -> tuple[Roles, str]:
+    found = settled(Words.of(given), Sample(frame, "table"), None)
+    return found.roles, "\n".join(found.said)
+
+
+@pytest.mark.parametrize("shuffled", [False, True])
+def test_a_panel_of_regions(shuffled: bool) -> None:
+    frame = marketing(days=140)
+    frame["id"] = np.arange(len(frame))
+    roles, said = guessed(frame.sample(frac=1, random_state=0).reset_index(drop=True) if shuffled else frame)
+    assert (roles.window, roles.label, roles.time, roles.group) == ("week", "sales", "day", "region")
+    assert (roles.actions, roles.states) == (("tv", "radio"), ("temperature", "sky", "region"))
+    assert "data.window=week" in said
+    assert "id is left out: by its name it only numbers rows" in said
+
+
+def test_dates_as_text_and_labels_on_the_last_row_only() -> None:
+    frame = marketing(1, 60).drop(columns="region")
+    frame["date"] = frame.pop("day").dt.strftime("%Y-%m-%d")
+    frame["sales"] = frame.sales.where(frame.week != frame.week.shift(-1))
+    roles, said = guessed(frame)
+    assert (roles.window, roles.label, roles.time, roles.group) == ("week", "sales", "date", None)
+    assert "all rows are one series" in said
+
+
+def test_episodes_of_an_agent() -> None:
+    rng = np.random.default_rng(0)
+    frame = pd.DataFrame({"episode": np.repeat(np.arange(30), 5), "step": np.tile(np.arange(5), 30)})
+    frame["s"], frame["a"], frame["reward"] = rng.integers(0, 4, 150), rng.integers(0, 2, 150), rng.normal(size=150)
+    frame["success"] = np.repeat(rng.integers(0, 2, 30), 5)
+    roles, said = guessed(frame)
+    assert (roles.window, roles.label, roles.time, roles.group) == ("episode", "success", None, None)
+    assert (roles.actions, roles.states) == (("a",), ("step", "s"))
+    assert roles.label_is == "binary"
+    assert "reward is left out" in said
+    assert "data.label_is=binary" in said
+
+
+def test_patients_are_windows_and_series_in_one() -> None:
+    rng = np.random.default_rng(0)
+    frame = pd.DataFrame({"patient": np.repeat([f"p{i}" for i in range(20)], 6), "hour": np.tile(np.arange(6), 20)})
+    frame["dose"], frame["outcome"] = rng.exponential(size=120), np.repeat(rng.normal(size=20), 6)
+    roles, _ = guessed(frame)
+    assert (roles.window, roles.label, roles.time, roles.group) == ("patient", "outcome", None, None)
+    assert roles.actions == ("dose",)
+
+
+def test_what_is_said_is_not_guessed() -> None:
+    frame = marketing(days=140)
+    roles, _ = guessed(frame, states=["tv"], group=False, time="day")
+    assert (roles.states, roles.actions) == (("tv",), ("region", "radio", "temperature", "sky"))
+    assert roles.group is None
+    roles, _ = guessed(frame, actions=["radio"], states=[])
+    assert (roles.states, roles.actions) == ((), ("radio",))
+
+
+def test_levels_are_pointed_at_but_never_guessed() -> None:
+    frame = marketing(days=140)
+    frame["inventory"] = np.random.default_rng(1).normal(size=len(frame))
+    roles, said = guessed(frame)
+    assert roles.stock == ()
+    assert "say data.stock=[inventory]" in said
+
+
+def test_copies_of_the_label_are_left_out() -> None:
+    frame = marketing(days=140)
+    frame["units"] = frame.sales
+    roles, said = guessed(frame)
+    assert "units" not in roles.features
+    assert "units is left out: it equals sales, the label" in said
+
+
+def test_questions_that_nothing_answers_are_asked() -> None:
+    frame = marketing(days=140).rename(columns={"sales": "north"})
+    frame["south"] = frame.north**2
+    with pytest.raises(UserError, match=r"north, south each have one value in a week; say data\.label"):
+        guessed(frame)
+    with pytest.raises(UserError, match=r"which rows share a label cannot be told; say data\.window"):
+        guessed(marketing().drop(columns=["week", "sky", "day"]).assign(sales=np.arange(84) ** 2.0), label="sales")
+
+
+def test_words_are_found_in_names() -> None:
+    assert named("tv_spend", ("tv",)) == 0
+    assert named("spendTv", ("tv",)) == 0
+    assert named("latvia", ("tv",)) is None

@@ -1,0 +1,187 @@
+"""A whole recovery from a table: against the truth, against Chow and Lin, and what must not depend on circumstances."""
+
+from __future__ import annotations
+
+import runpy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import credit
+from credit.core.errors import UserError
+from credit.logged.fits.mixture import mixed
+from credit.logged.fits.ridge import solutions
+from credit.logged.result import LoggedCredit
+from credit.recovery.mixers import RelativeMSE
+from tests.logged.fits.test_moments import plain
+from tests.logged.residuals.peers import chow_lin
+
+MARKETING = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "marketing.py"))
+
+
+def table(windows: int = 40, length: int = 5, groups: int = 1, seed: int = 0, noise: float = 0.5) -> pd.DataFrame:
+    """Rows with x (an action), z (a state) and a label y in the last row of a window: Σ 2 + 3x − z, and noise."""
+    random = np.random.default_rng(seed)
+    count = windows * length * groups
+    frame = pd.DataFrame(
+        {
+            "g": np.repeat([f"g{i}" for i in range(groups)], windows * length),
+            "w": np.tile(np.repeat(np.arange(windows), length), groups),
+            "t": np.tile(np.arange(windows * length), groups),
+            "x": random.gamma(2.0, size=count),
+            "z": random.normal(size=count),
+        }
+    )
+    credit_ = 2 + 3 * frame["x"] - frame["z"]
+    sums = credit_.groupby([frame["g"], frame["w"]]).transform("sum") + noise * np.repeat(
+        random.normal(size=windows * groups), length
+    )
+    return frame.assign(y=sums)
+
+
+ROLES: dict[str, Any] = {
+    "window": "w", "label": "y", "time": "t", "actions": ["x"], "states": ["z"], "group": "g"
+}  # fmt: skip
+
+
+def found(frame: pd.DataFrame, **words: Any) -> LoggedCredit:
+    return credit.recover(frame, **{"draws": 20, "reference": "1 + x + z", **ROLES, **words})
+
+
+def test_a_panel_whose_truth_is_known_is_recovered() -> None:
+    rows, truth = MARKETING["panel"](1, regions=8, weeks=80)
+    whole = credit.recover(rows, draws=60)
+    assert whole.models == ("reference", "actions", "mixture")
+    assert np.corrcoef(whole.steps["credit"], truth["credit"])[0, 1] > 0.97
+    effects = whole.effects.set_index(["action", "model"])
+    for channel in ("tv", "radio", "search", "social"):
+        wanted = truth[channel].sum() / rows[channel].sum()
+        for model in ("reference", "mixture"):
+            line = effects.loc[(channel, model)]
+            assert line["per_unit"] == pytest.approx(wanted, rel=0.15)
+            assert line["per_unit_low"] < line["per_unit"] < line["per_unit_high"]
+    assert whole.r_squared["mixture"][0] > 0.9
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.6])
+def test_without_a_penalty_and_with_one_group_it_is_chow_and_lin(rho: float) -> None:
+    frame = table(windows=30)
+    one = found(frame, reference={"formula": "1 + x + z", "regularization": 0}, surrogates={}, rho=rho)
+    design = np.column_stack([np.ones(len(frame)), frame["x"], frame["z"]])
+    label = frame["y"].to_numpy()[::5]
+    wanted = chow_lin(label, design, np.full(30, 5), rho)
+    np.testing.assert_allclose(one.steps["credit_balanced"], wanted, rtol=1e-8, atol=1e-8)
+
+
+def test_balanced_credit_adds_up_and_is_not_negative_where_that_is_asked() -> None:
+    frame = table(groups=3)
+    frame.loc[frame["w"] == 7, "y"] = np.nan
+    for words in ({}, {"residual": "uniform"}, {"nonnegative": True}):
+        one = found(frame, **words)
+        sums = one.steps["credit_balanced"].groupby([frame["g"], frame["w"]]).sum()
+        labels = frame.groupby(["g", "w"])["y"].first()
+        known = labels.notna()
+        np.testing.assert_allclose(sums[known], labels[known], rtol=1e-9)
+        assert one.steps["credit_balanced"].notna().all()
+        assert (one.steps["credit_balanced"] >= 0).all() or "nonnegative" not in words
+        assert np.isfinite(one.windows["held_out"]).all()  # unlabelled windows get a prediction
+
+
+def test_what_is_held_out_was_not_seen() -> None:
+    frame = table(windows=60, groups=2)
+    one = found(frame, surrogates={"x": "1 + x"}, rho=0.0, reference={"formula": "1 + x + z", "regularization": 2.0})
+    r = one.found
+    x, y = r.windows[0], r.panel.windows.label
+    for number, (tested, fitted) in enumerate(r.folds.of):
+        inside, outside = np.isin(r.folds.piece, fitted), np.isin(r.folds.piece, tested)
+        theta = solutions(plain(x[inside], y[inside]), np.array([2.0]), 0)[0]
+        np.testing.assert_allclose(one.judged.held_out[0][outside], x[outside] @ theta, rtol=1e-6)
+        phi = [np.column_stack([np.ones(len(frame)), frame["x"], frame["z"]]), np.ones((len(frame), 2))]
+        phi[1][:, 1] = frame["x"]
+        whole = mixed(phi, list(r.held[number]), RelativeMSE()).credit
+        sums = np.add.reduceat(whole, np.arange(0, len(frame), 5))
+        np.testing.assert_allclose(one.judged.held_out[-1][outside], sums[outside], rtol=1e-9)
+
+
+def test_rows_in_another_order_have_the_same_credit() -> None:
+    frame = table(groups=3)
+    mixed_up = frame.sample(frac=1, random_state=0)
+    one, other = found(frame), found(mixed_up.reset_index(drop=True))
+    other_steps = other.steps.set_axis(mixed_up.index).sort_index()
+    for name in ("credit", "credit_low", "credit_balanced", "disagreement"):
+        np.testing.assert_allclose(one.steps[name], other_steps[name], rtol=1e-9)
+
+
+def test_below_ten_units_there_is_no_interval_and_it_is_said() -> None:
+    one = found(table(windows=8))
+    assert one.steps["credit_low"].isna().all()
+    assert one.effects["effect_low"].isna().all()
+    assert one.effects["effect"].notna().all()
+    assert any("no intervals" in sentence for sentence in one.said)
+
+
+def test_what_windows_do_not_tell_gets_no_number() -> None:
+    frame = table(length=7)
+    frame["day"] = pd.Categorical(np.tile([*"MTWRFSU"], 40), categories=[*"MTWRFSU"])
+    one = found(frame, reference=None, surrogates=None, actions=["day", "x"], group=False)
+    effects = one.effects[one.effects["model"] == "mixture"].set_index("action")
+    assert effects.loc["day", "effect"].isna().all()
+    assert not effects.loc["day", "told"].any()
+    assert np.isfinite(effects.loc["x", "effect"])
+    assert one.found.telling.relations
+    assert "first 6 of its 7 rows" in " ".join(relation.remedy for relation in one.found.telling.relations)
+
+
+def test_labels_that_are_means_or_of_the_last_row() -> None:
+    frame = table(groups=2, noise=0.01)
+    mean = found(frame.assign(y=frame["y"] / 5), label_is="mean", surrogates={})
+    assert np.corrcoef(mean.steps["credit"], 2 + 3 * frame["x"] - frame["z"])[0, 1] > 0.999
+    np.testing.assert_allclose(
+        mean.steps["credit_balanced"].groupby([frame["g"], frame["w"]]).mean(),
+        frame.groupby(["g", "w"])["y"].first() / 5,
+        rtol=1e-9,
+    )
+    truth = 2 + 3 * frame["x"] - frame["z"]
+    last = found(frame.assign(y=truth.groupby([frame["g"], frame["w"]]).transform("last")), label_is="last")
+    np.testing.assert_allclose(last.steps["credit"], truth, atol=0.1)
+
+
+def test_bits_are_log_odds() -> None:
+    frame = table(windows=150, groups=2)
+    sums = frame.groupby(["g", "w"])["y"].transform("first")
+    one = found(frame.assign(y=(sums > sums.median()).astype(int)), surrogates={"x": "1 + x"})
+    truth = 3 * frame["x"] - frame["z"]
+    assert np.corrcoef(one.steps["credit"], truth)[0, 1] > 0.98
+    assert one.steps["credit_balanced"].isna().all()
+    assert one.windows["predicted"].between(0, 1).all()
+    assert one.windows["held_out"].between(0, 1).all()
+    assert one.r_squared["reference"][0] > 0.5
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ({"drows": 3}, "did you mean 'draws'"),
+        ({"draws": 0}, "draws=0"),
+        ({"level": 1.5}, "level=1.5"),
+        ({"residual": "ar2"}, "residual='ar2'"),
+        ({"reference": "1 + q"}, "q"),
+        ({"reference": {"formla": "1"}}, "did you mean 'formula'"),
+        ({"reference": {"regularization": -1}}, "0 or more"),
+        ({"reference": {"sign": {"q": "positive"}}}, "sign of 'q'"),
+        ({"reference": {"sign": {"x": "up"}}}, "positive, negative"),
+        ({"surrogates": {"a/b": "1"}}, "no name"),
+        ({"surrogates": {"a": "1 + __import__('os')"}}, "surrogates.a"),
+        ({"nonnegative": True, "label_is": "sum", "negative": True}, "no word 'negative'"),
+    ],
+)
+def test_wrong_words_are_refused(words: dict[str, Any], said: str) -> None:
+    with pytest.raises(UserError, match=said.replace("(", r"\(")):
+        found(table(), **words)
+
+
+def test_it_says_what_it_is_in_a_line() -> None:
+    assert repr(found(table())).startswith("LoggedCredit(200 rows, 40 windows, reference+actions, held-out R²")
