@@ -7,26 +7,37 @@ import struct
 import zlib
 from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-SIDE, GAP, HEAD = 150, 16, 34  # pixels of a panel
+SIDE, GAP, HEAD, FOOT = 150, 16, 34, 20  # pixels of a panel, and below all
+SPARSE = 8  # a grid of places has no more than so many fields for each that is known
 ACROSS = 4  # panels in a row
-ROWS = ("reward/true", "reward/mixed", "reward/", "weight/", "mse/", "bonus/", "visits")  # in this order
+ROWS = (
+    "reward/true",
+    "reward/mixed",
+    "reward/",
+    "weight/",
+    "mse/",
+    "disagreement/",
+    "bonus/",
+    "visits",
+)  # in this order
 LOW, MIDDLE, HIGH = (0x00, 0x72, 0xB2), (0xF7, 0xF7, 0xF7), (0xD5, 0x5E, 0x00)  # below 0, 0, above
 
 
 def recovery_picture(file: Path) -> str | None:
-    """Panels of rewards, weights, MSE proxies and bonuses: states down, actions across, one scale for each kind.
+    """Panels of rewards, weights, MSE proxies, bonuses, for every state and action, or place; one scale a kind.
 
     Args:
         file: a run's `recovery.npz`.
 
     Returns:
-        SVG; None where there is no such file, or no table in it.
+        SVG; None where there is no such file, or neither a table nor a grid of places in it.
     """
     if not file.exists():
         return None
@@ -36,13 +47,37 @@ def recovery_picture(file: Path) -> str | None:
             return None
         names = [name for start in ROWS for name in arrays if name.startswith(start) and arrays[name].shape == shape]
         tables = {name: np.asarray(arrays[name], dtype=np.float64) for name in dict.fromkeys(names)}
-    width, height = ACROSS * (SIDE + GAP) + GAP, -(-len(tables) // ACROSS) * (SIDE + HEAD + GAP) + GAP
+        rows, columns = arrays["cells"].tolist() if "cells" in arrays else ("state", "action")
+        axes = f"{rows} down, {columns} across"
+        if "grid/states" in arrays:
+            axes = "the last fit, x to the right, y upwards"
+            placed = {name: _placed(arrays["grid/states"], table[-1]) for name, table in tables.items()}
+            tables = {name: table for name, table in placed.items() if table is not None}
+    if not tables:
+        return None
+    width, height = ACROSS * (SIDE + GAP) + GAP, -(-len(tables) // ACROSS) * (SIDE + HEAD + GAP) + GAP + FOOT
     kinds = {name: name.partition("/")[0] for name in tables}
     largest = {kind: max(_largest(tables[name]) for name in tables if kinds[name] == kind) for kind in kinds.values()}
     drawn = {name: _coloured(table, largest[kinds[name]]) for name, table in tables.items()}
     parts = [_panel(name, tables[name], drawn[name], number) for number, name in enumerate(tables)]
     head = f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" font-family="sans-serif">'
-    return "\n".join([head, '<rect width="100%" height="100%" fill="white"/>', *parts, "</svg>"])
+    words = escape(f"{axes}; blue is below 0, orange above, grey unknown; one scale a kind")
+    foot = f'<text x="{GAP}" y="{height - FOOT + 6}" font-size="11" fill="#666">{words}</text>'
+    return "\n".join([head, '<rect width="100%" height="100%" fill="white"/>', *parts, foot, "</svg>"])
+
+
+def _placed(states: NDArray[Any], values: Array) -> Array | None:
+    """Values at places as a map whose first row is the top; None where the places are no grid.
+
+    Args:
+        states: x and y first [N, 2 or more]. values: [N].
+    """
+    (x, columns), (y, rows) = (np.unique(states[:, axis].round(6), return_inverse=True) for axis in (0, 1))
+    if len(x) * len(y) > SPARSE * len(states):
+        return None
+    table = np.full((len(y), len(x)), np.nan)
+    table[len(y) - 1 - rows, columns] = values
+    return table
 
 
 def _largest(table: Array) -> float:
