@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -15,8 +16,9 @@ import credit
 
 ROOT = Path(__file__).resolve().parents[1]
 # `credit` on the package index is somebody else's: an extra of it, or its name behind `install`
+EXTRAS = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]["optional-dependencies"]
 STRANGER = re.compile(
-    r"(?<![\w.-])credit\\?\[[a-z{]"
+    rf"(?<![\w.-])credit\\?\[(?:{'|'.join(EXTRAS)}|{{)"  # not an array that is called credit
     r"|\b(?:pip3?|pipx|uv|poetry|conda)\b[^\n#]*\b(?:install|add)\b[^\n#]*[\s'\"]credit(?:[=<>~]=?[\d'\"]|['\"`\s]|$)",
     re.M,
 )
