@@ -14,7 +14,6 @@ HELP = """\
 Recover a reward for every row of a table from labels on windows of rows, with intervals, and where models disagree.
 
 Usage: credit recover DATA [key=value] ... [-m] [--explain] [--config-dir DIR]
-       credit recover NEW --model DIR          score new rows by a model that was kept
 
   DATA                   CSV or Parquet: a file, a folder, a pattern in quotes
 

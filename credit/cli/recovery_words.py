@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 OWN = ("output", "name", "format", "tracking", "from")  # of this command alone
 FORMATS, TRACKING = ("csv", "parquet"), ("mlflow", "none")
 FLAGS = ("-m", "--multirun", "--explain")
-PATHS = ("--model", "--config-dir", "-cd")  # take a word
+PATHS = ("--config-dir", "-cd")  # take a word
 Tree = dict[str, Any]
 
 
@@ -34,7 +34,7 @@ class Request:
     """One recovery.
 
     Attributes:
-        data: the table. words: as they were typed. ask: what is asked. explain: fit nothing. model: score by this one.
+        data: the table. words: as they were typed. ask: what is asked. explain: fit nothing.
         output, name: the folder is OUTPUT/NAME. format: of steps. tracked: whether it is logged to MLflow.
     """
 
@@ -42,7 +42,6 @@ class Request:
     words: tuple[str, ...]
     ask: Ask
     explain: bool
-    model: Path | None
     output: Path
     name: str
     format: str
@@ -167,11 +166,8 @@ def _request(
     if problems:
         raise UserError("\n".join([*problems, "`credit recover --help` lists what can be set"]))
     format_ = own.get("format", "csv" if data.lower().endswith(".csv") else "parquet")
-    model = Path(options["--model"]) if "--model" in options else None
     output = Path(str(own.get("output", "outputs"))) / "recover"
-    return Request(
-        data, tuple(words), ask, "--explain" in flags, model, output, name, format_, own.get("tracking") != "none"
-    )
+    return Request(data, tuple(words), ask, "--explain" in flags, output, name, format_, own.get("tracking") != "none")
 
 
 def _stem(data: str) -> str:
