@@ -2,7 +2,7 @@
 
 core  ◄  networks, planning, data  ◄  envs · recovery · rivals · agents · judges  ◄  trainer  ◄  runs  ◄  cli
          config, on core ◄ runs, cli        tracking, report: on run folders ◄ cli        bench, testing: all
-         tuning: Optuna's studies, on runs ◄ cli
+         tuning: Optuna's studies, on runs ◄ cli        logged: the recovery half, on core and recovery ◄ cli
          bridges, on core and encoders, for agents of other libraries        api: what commands do, from Python, on cli
 """
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from credit.cli.main import guarded
 
 if TYPE_CHECKING:
     from credit.cli.recovery_words import Request
+    from credit.logged.models import Model
+    from credit.logged.panel import Panel
 
 HELP = """\
 Recover a reward for every row of a table from labels on windows of rows, with intervals, and where models disagree.
@@ -36,13 +39,13 @@ how
   draws=200 level=.9 folds=5 gap=WINDOWS seed=0
   residual=ar1|uniform   how what is left of a label goes to its rows   (ar1)        rho=NUMBER (estimated)
   nonnegative=true       no balanced credit below 0                     (false)
-  output=DIR             the folder RECOVERY is made in                 (outputs/recover)
-  name=NAME              what the folder is called                      (the file's name)
+  output=DIR             the result goes to DIR/recover/NAME            (outputs)
+  name=NAME                                                             (the file's name)
   format=parquet|csv     of steps                                       (csv for a CSV file)
   tracking=mlflow|none                                                  (mlflow)
   from=FILE.yaml         keys as above, under those on the command line
 
--m runs one recovery for each of several values: credit recover sales.csv -m mixer=relative_mse,stacking
+-m runs one recovery for each of several values: credit recover sales.csv -m mixer=relative_mse,best
 
 Example:
   credit recover examples/marketing.csv
@@ -57,28 +60,39 @@ def main(argv: list[str]) -> int:
     from credit.cli.recovery_words import requests
 
     asked = requests(argv)
-    for one in asked:
-        one.check()
-    for number, one in enumerate(asked):
+    ready = list(_prepared(asked))
+    for number, (one, panel, models) in enumerate(ready):
         if len(asked) > 1:
             print(f"[{number + 1}/{len(asked)}] {' '.join(one.words)}")
-        _one(one)
+        _one(one, panel, models)
     return 0
 
 
-def _one(asked: Request) -> None:
-    from credit.cli.recovery_screen import explained, shown
+def _prepared(asked: Sequence[Request]) -> Iterator[tuple[Request, Panel, list[Model]]]:
+    """What is asked, with opened tables and models: all that can be refused is, before the first fit."""
     from credit.logged.tables.opening import opened
+    from credit.logged.writing import Folder
 
-    panel = opened(asked.data, asked.ask.data)
-    models = asked.ask.models(panel)
+    panels: dict[str, Panel] = {}  # the same words of data are the same table
+    for one in asked:
+        Folder.require_free(one.folder)
+        words = repr(one.ask.data)
+        if words not in panels:
+            panels[words] = opened(one.data, one.ask.data)
+        one.ask.require(panels[words])
+        yield one, panels[words], one.ask.models(panels[words])
+
+
+def _one(asked: Request, panel: Panel, models: list[Model]) -> None:
+    from credit.cli.recovery_screen import explained, shown
+
     explained(panel, models, asked)
     if asked.explain:
         return
     from credit.logged.writing import Folder
 
     with Folder.made(asked.folder, asked.words) as folder:
-        found = asked.ask.recover(panel)
+        found = asked.ask.recover(panel, models)
         folder.write(found, asked.format)
     shown(found, asked.folder)
     if asked.tracked:

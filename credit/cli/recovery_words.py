@@ -8,8 +8,6 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import yaml
-
 from credit.config import classes, files, registry, schema
 from credit.core import signatures
 from credit.core.errors import UserError, nearest
@@ -22,7 +20,9 @@ from credit.logged.tables.words import Words
 if TYPE_CHECKING:
     from credit.core.seams import Mixer
 
+SINGLE = ("window", "label", "labels", "time", "group", "propensity")  # words of data that name one thing
 OWN = ("output", "name", "format", "tracking", "from")  # of this command alone
+TEXTS = (REFERENCE, "from", "output", "name", *(f"data.{one}" for one in SINGLE))  # taken as they are typed
 FORMATS, TRACKING = ("csv", "parquet"), ("mlflow", "none")
 FLAGS = ("-m", "--multirun", "--explain")
 PATHS = ("--config-dir", "-cd")  # take a word
@@ -52,15 +52,6 @@ class Request:
         """Where it goes."""
         return self.output / self.name
 
-    def check(self) -> None:
-        """Refuse what can be refused before anything is read.
-
-        Raises:
-            UserError: no such table, or no place for the result.
-        """
-        if self.folder.exists() and not self.folder.is_dir():
-            raise UserError(f"{self.folder}: there is a file of that name; choose another by name=… or output=…")
-
 
 def requests(argv: Sequence[str]) -> list[Request]:
     """What a command line asks for: one recovery, or with -m one for each of several values.
@@ -68,7 +59,7 @@ def requests(argv: Sequence[str]) -> list[Request]:
     Raises:
         UserError: with all words that are wrong.
     """
-    flags, options, words = _sorted(argv)
+    flags, config_dirs, words = _sorted(argv)
     data = [word for word in words if "=" not in word or Path(word).exists()]
     keys = [word for word in words if word not in data]
     if len(data) != 1:
@@ -76,15 +67,15 @@ def requests(argv: Sequence[str]) -> list[Request]:
         raise UserError(f"one table is needed, got {shown}; `credit recover --help` says more")
     several = bool({"-m", "--multirun"} & {*flags})
     every = [*_each(keys)] if several else [keys]
-    config_dirs = [options[key] for key in ("--config-dir", "-cd") if key in options]
-    found = [_request(data[0], one, flags, options, config_dirs) for one in every]
+    found = [_request(data[0], one, flags, config_dirs) for one in every]
     if several and len(found) > 1:
         found = [_named(one, every, number) for number, one in enumerate(found)]
     return found
 
 
-def _sorted(argv: Sequence[str]) -> tuple[list[str], dict[str, str], list[str]]:
-    flags, options, words, rest = list[str](), dict[str, str](), list[str](), list(argv)
+def _sorted(argv: Sequence[str]) -> tuple[list[str], list[str], list[str]]:
+    """Flags, folders of YAML files, and all other words."""
+    flags, folders, words, rest = list[str](), list[str](), list[str](), list(argv)
     while rest:
         word = rest.pop(0)
         name, equals, value = word.partition("=")
@@ -93,12 +84,12 @@ def _sorted(argv: Sequence[str]) -> tuple[list[str], dict[str, str], list[str]]:
         elif name in PATHS:
             if not equals and not rest:
                 raise UserError(f"{name} needs a folder")
-            options[name] = value if equals else rest.pop(0)
+            folders.append(value if equals else rest.pop(0))
         elif word.startswith("-") and not word.startswith("--=") and not Path(word).exists():
             raise UserError(f"{word!r} is no option here; {nearest(word, [*FLAGS, *PATHS])}; settings are key=value")
         else:
             words.append(word)
-    return flags, options, words
+    return flags, folders, words
 
 
 def _each(words: Sequence[str]) -> Iterator[list[str]]:
@@ -139,9 +130,7 @@ def _named(one: Request, every: Sequence[Sequence[str]], number: int) -> Request
     return replace(one, name=f"{one.name}/{number:02d}-{safe}")
 
 
-def _request(
-    data: str, words: Sequence[str], flags: Sequence[str], options: Mapping[str, str], config_dirs: Sequence[str]
-) -> Request:
+def _request(data: str, words: Sequence[str], flags: Sequence[str], config_dirs: Sequence[str]) -> Request:
     tree = _tree(words)
     if (file := tree.pop("from", None)) is not None:
         tree = _merged(_file(file), tree)
@@ -156,7 +145,6 @@ def _request(
     name = str(own.get("name", _stem(data)))
     if not all(is_name(part) for part in name.split("/")):
         problems.append(f"name={name}: {name!r} is no name; {is_name.__doc__}")
-    built = None
     try:
         built = _mixer(mixer, config_dirs)
         ask = Ask.of({key: value for key, value in tree.items() if key in known}, built)
@@ -216,7 +204,7 @@ def _tree(words: Sequence[str]) -> Tree:
 def _value(key: str, text: str) -> Any:
     """A value as Hydra reads it; formulas and names of columns are texts."""
     raw = text.strip()
-    if key.endswith(".formula") or key in (REFERENCE, "from", "output", "name", "data.labels"):
+    if key.endswith(".formula") or key in TEXTS:
         return raw[1:-1] if len(raw) > 1 and raw[0] == raw[-1] and raw[0] in "'\"" else raw
     override = registry.parse(f"key={text}")
     if override.is_sweep_override():
@@ -273,8 +261,3 @@ def _mixer(given: Any, config_dirs: Sequence[str]) -> Mixer | None:
             "relative_mse, best, uniform and reference_only are for logged data"
         )
     return made
-
-
-def saved(request: Request) -> str:
-    """A request as YAML, from which `from=` makes it again."""
-    return yaml.safe_dump(_tree(request.words), sort_keys=False, allow_unicode=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from keyword import iskeyword
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ from credit.core.naming import is_name
 from credit.core.signatures import signature
 from credit.logged.formulas.terms import Terms
 from credit.logged.models import Model
-from credit.logged.panel import Panel
+from credit.logged.panel import MIXTURE, Panel
 from credit.logged.recovering import Options
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 MODEL = ("formula", "regularization", "sign")
 REFERENCE = "reference"
+TAKEN = (REFERENCE, MIXTURE)  # names that no surrogate can have
 CARRIED = 8  # actions at most for which it is tried unasked what is carried on
 PLAIN = "actions"  # the surrogate where none is given
 
@@ -66,7 +67,7 @@ class Ask:
             problems += [
                 f"surrogates.{name}: {name!r} is no name for a surrogate; {is_name.__doc__}"
                 for name in surrogates
-                if not is_name(str(name)) or str(name) == REFERENCE
+                if not is_name(str(name)) or str(name) in TAKEN
             ]
             surrogates = {str(name): _model(f"surrogates.{name}", one, problems) for name, one in surrogates.items()}
         if problems:
@@ -88,18 +89,38 @@ class Ask:
         surrogates = self.surrogates
         if surrogates is None:
             plain = " + ".join(["1", *(actions or map(quoted, roles.actions))])
-            surrogates = {PLAIN: {"formula": plain}} if roles.actions and roles.states else {}
+            surrogates = {PLAIN: {"formula": plain}} if roles.actions and roles.states and _formulas() else {}
         found += [_made(f"surrogates.{name}", name, one, panel) for name, one in surrogates.items()]
         for model in found:
             model.bound()
         return found
 
-    def recover(self, panel: Panel) -> LoggedCredit:
-        """Fit the models to an opened table, and score it."""
+    def require(self, panel: Panel) -> None:
+        """Refuse options that would have no effect on the labels of this table.
+
+        Raises:
+            UserError: with the option.
+        """
+        if panel.roles.label_is == "binary":
+            if self.options.nonnegative or self.options.rho is not None:
+                word = "nonnegative" if self.options.nonnegative else "rho"
+                raise UserError(f"{word} has no effect: labels are bits (data.label_is), and no credit adds up to them")
+        elif self.options.residual == "uniform" and self.options.rho is not None:
+            raise UserError("rho has no effect: it is of residual=ar1, and residual=uniform is asked; leave one out")
+
+    def recover(self, panel: Panel, models: Sequence[Model] | None = None) -> LoggedCredit:
+        """Fit the models (None: those that are asked for) to an opened table, and score it."""
         from credit.logged.result import LoggedCredit
         from credit.recovery.mixers import RelativeMSE
 
-        return LoggedCredit.of(panel, self.models(panel), self.mixer or RelativeMSE(), self.options)
+        self.require(panel)
+        models = self.models(panel) if models is None else models
+        return LoggedCredit.of(panel, models, self.mixer or RelativeMSE(), self.options)
+
+
+def _formulas() -> bool:
+    """Whether formulas can be read."""
+    return importlib.util.find_spec("formulaic") is not None
 
 
 def _carried(panel: Panel) -> list[str]:
@@ -109,7 +130,7 @@ def _carried(panel: Panel) -> list[str]:
     """
     roles = panel.roles
     numbers = [name for name in roles.actions if panel.columns[name].levels is None]
-    if roles.time is None or not numbers or len(numbers) > CARRIED or importlib.util.find_spec("formulaic") is None:
+    if roles.time is None or not numbers or len(numbers) > CARRIED or not _formulas():
         return []
     amounts = {name for name in numbers if panel.columns[name].least >= 0 and name not in roles.stock}
     return [f"adstock({quoted(name)})" if name in amounts else quoted(name) for name in roles.actions]

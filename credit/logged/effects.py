@@ -7,50 +7,64 @@ had the value a₀. A contrast that the windows do not tell gets no number. Stat
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from credit.logged.fits.mixture import mixed
 from credit.logged.models import Pass, parts_of
-from credit.logged.panel import Column, Floats, Part
+from credit.logged.panel import Column, Floats, Ints, Part
 from credit.logged.recovering import Recovered
 
 if TYPE_CHECKING:
     import pandas as pd
 
 ROWS = 20_000  # about as many, evenly spread, tell by how much the effect of a mixture is not the reference's
-MIXTURE = "mixture"
 
 
 @dataclass
 class _Sum:
     """What has been added up of one action, or of one of its categories."""
 
+    contrast: list[Floats]  # Σ φ(a) − φ(a₀) of each model
+    mixture: Floats  # Σ over the sampled rows of what it has beyond the reference, in every fit [1 + B]
     rows: int = 0  # of which
     sampled: int = 0
     units: float = 0.0  # Σ (a − a₀)
     cost: float = 0.0
-    contrast: list[Floats] | None = None  # Σ φ(a) − φ(a₀) of each model
-    mixture: Floats | None = None  # Σ over the sampled rows of what it has beyond the reference, in every fit [1 + B]
+
+
+@dataclass
+class _Sums:
+    """Of one action: what has been added up of each level that is no baseline, None for a number."""
+
+    column: Column
+    baseline: Any
+    without: Pass  # the rows where the action always was the baseline
+    levels: dict[Any, _Sum] = field(default_factory=dict)
 
 
 def effects(found: Recovered) -> pd.DataFrame:
     """A row for each action (and each category of one) and model, the mixture last.
 
-    Columns: action, level (of a category), baseline, model, rows, effect (a row's mean), total, per_unit, per_cost,
-    each with _low and _high; told (whether the windows tell it), and note.
+    Columns: action, level (of a category), baseline, model, rows, effect (a row's mean), total, per_unit, per_cost
+    (where costs are known), each with _low and _high; told (whether the windows tell it), and note.
     """
     import pandas as pd
 
-    lines: list[dict[str, Any]] = []
-    for action in found.panel.roles.actions:
-        column = found.panel.columns[action]
-        baseline = baseline_of(found, column)
-        for level, total in _sums(found, column, baseline).items():
-            lines += _lines(found, action, level, baseline, total)
-    return pd.DataFrame(lines)
+    lines = [
+        line
+        for sums in _added_up(found)
+        for level, total in sums.levels.items()
+        for line in _lines(found, sums, level, total)
+    ]
+    plain = ["action", "level", "baseline", "model", "rows", *_columns("effect", "total", "per_unit"), "told", "note"]
+    return pd.DataFrame(lines) if lines else pd.DataFrame(columns=plain)
+
+
+def _columns(*names: str) -> list[str]:
+    return [f"{name}{end}" for name in names for end in ("", "_low", "_high")]
 
 
 def baseline_of(found: Recovered, column: Column) -> Any:
@@ -61,89 +75,94 @@ def baseline_of(found: Recovered, column: Column) -> Any:
     return 0.0 if column.levels is None else column.frequent
 
 
-def _sums(found: Recovered, column: Column, baseline: Any) -> dict[Any, _Sum]:
-    """Level (None for a number) → what rows with it come to."""
+def _started(found: Recovered, column: Column, columns: list[Ints]) -> _Sums:
+    baseline = baseline_of(found, column)
     levels = [None] if column.levels is None else [level for level in column.levels if level != baseline]
-    sums = {level: _Sum() for level in levels}
+    without = Pass(found.panel, found.models, columns, replaced=(column.name, baseline))
+    sums = {level: _Sum([np.zeros(len(own)) for own in columns], np.zeros(1 + found.options.draws)) for level in levels}
+    return _Sums(column, baseline, without, sums)
+
+
+def _added_up(found: Recovered) -> list[_Sums]:
+    """All actions, in one pass over the rows."""
     columns = found.columns
     thetas = [fit.theta[:, own] for fit, own in zip(found.fits, columns, strict=True)]
+    actions = [_started(found, found.panel.columns[name], columns) for name in found.panel.roles.actions]
     as_is = Pass(found.panel, found.models, columns)
-    without = Pass(found.panel, found.models, columns, replaced=(column.name, baseline))
     every = max(1, -(-found.panel.rows // ROWS))
-    cost = found.panel.roles.cost.get(column.name)
-    for part, at in parts_of(found.panel):
-        here, there = as_is.of(part), without.of(part)
-        sample = np.arange(len(part))[(np.arange(at.start, at.stop) % every) == 0]
-        for level, rows in _rows(part, column, levels):
-            total = sums[level]
-            total.rows += len(rows)
-            if column.levels is None:
-                total.units += float((part.frame[column.name].to_numpy(np.float64)[rows] - float(baseline)).sum())
-            else:
-                total.units += len(rows)
-            if cost is not None:
-                total.cost += float(part.frame[cost].to_numpy(np.float64)[rows].sum())
-            change = [(one[rows] - other[rows]).sum(0) for one, other in zip(here, there, strict=True)]
-            total.contrast = (
-                change if total.contrast is None else [a + b for a, b in zip(total.contrast, change, strict=True)]
-            )
-            if len(found.models) > 1:
-                some = np.intersect1d(sample, rows)
-                total.sampled += len(some)
-                ours, base = (
-                    mixed([phi[some] for phi in designs], thetas, found.mixer, keep=True) for designs in (here, there)
-                )
-                assert ours.draws is not None
-                assert base.draws is not None
-                added = np.concatenate([[(ours.credit - base.credit).sum()], (ours.draws - base.draws).sum(1)])
-                added -= thetas[0] @ (here[0][some] - there[0][some]).sum(0)
-                total.mixture = added if total.mixture is None else total.mixture + added
-    return sums
+    several = len(found.models) > 1
+
+    def in_all_fits(designs: list[Floats]) -> Floats:
+        """What the mixture has beyond the reference [1 + B, n]."""
+        what = mixed(designs, thetas, found.mixer, keep=True)
+        assert what.draws is not None
+        return np.concatenate([what.credit[None], what.draws]) - thetas[0] @ designs[0].T
+
+    for part, at in parts_of(found.panel) if actions else ():
+        here = as_is.of(part)
+        sample = np.flatnonzero(np.arange(at.start, at.stop) % every == 0)
+        ours = in_all_fits([phi[sample] for phi in here]) if several else None
+        for sums in actions:
+            there = sums.without.of(part)
+            beyond = None if ours is None else ours - in_all_fits([phi[sample] for phi in there])
+            cost = found.panel.roles.cost.get(sums.column.name)
+            for level, rows in _rows(part, sums):
+                total = sums.levels[level]
+                total.rows += len(rows)
+                total.units += _units(part, sums, rows)
+                total.cost += 0.0 if cost is None else float(part.frame[cost].to_numpy(np.float64)[rows].sum())
+                for whole, one, other in zip(total.contrast, here, there, strict=True):
+                    whole += (one[rows] - other[rows]).sum(0)
+                if beyond is not None:
+                    own = np.isin(sample, rows)
+                    total.sampled += int(own.sum())
+                    total.mixture += beyond[:, own].sum(1)
+    return actions
 
 
-def _rows(part: Part, column: Column, levels: list[Any]) -> Iterator[tuple[Any, np.ndarray]]:
-    if column.levels is None:
+def _units(part: Part, sums: _Sums, rows: Ints) -> float:
+    """Σ (a − a₀) of a number; of a category how often it was there."""
+    if sums.column.levels is not None:
+        return float(len(rows))
+    return float((part.frame[sums.column.name].to_numpy(np.float64)[rows] - float(sums.baseline)).sum())
+
+
+def _rows(part: Part, sums: _Sums) -> Iterator[tuple[Any, Ints]]:
+    if sums.column.levels is None:
         yield None, np.arange(len(part))
         return
-    codes = part.frame[column.name].cat.codes.to_numpy()
-    place = {level: code for code, level in enumerate(part.frame[column.name].cat.categories)}
-    for level in levels:
+    series = part.frame[sums.column.name].cat
+    codes, place = series.codes.to_numpy(), {level: code for code, level in enumerate(series.categories)}
+    for level in sums.levels:
         yield level, np.flatnonzero(codes == place.get(level, -2))
 
 
-def _lines(found: Recovered, action: str, level: Any, baseline: Any, total: _Sum) -> Iterator[dict[str, Any]]:
-    columns = found.columns
-    told, note = True, ""
-    assert total.contrast is not None  # a table has a part
-    if total.rows:
+def _lines(found: Recovered, sums: _Sums, level: Any, total: _Sum) -> Iterator[dict[str, Any]]:
+    """A row a model, of one action or one of its categories."""
+    action, columns = sums.column.name, found.columns
+    told, note = total.rows > 0, ""
+    if told:
         whole = np.zeros(len(found.models[0].terms.names))
         whole[columns[0]] = total.contrast[0]
         told = bool(found.telling.answers(whole[found.told_columns]))
-    if not total.rows:
-        told, note = False, f"{action} is {level!r} in no row"
-    elif not told:
-        note = "the windows do not tell it from other columns"
-    elif not total.units:
-        note = f"{action} is {baseline!r} in every row"
-    for number, name in enumerate([*found.names, *([MIXTURE] if len(found.models) > 1 else [])]):
-        line: dict[str, Any] = {
-            "action": action, "level": level, "baseline": baseline, "model": name, "rows": total.rows
-        }  # fmt: skip
-        if name == MIXTURE and number == len(found.models):
-            draws = found.fits[0].theta[:, columns[0]] @ total.contrast[0]
-            if total.mixture is not None:
-                draws = draws + total.mixture * (total.rows / max(total.sampled, 1))
-        else:
-            draws = found.fits[number].theta[:, columns[number]] @ total.contrast[number]
         if not told:
-            draws = np.full_like(draws, np.nan)
-        half = found.factor * (draws[1:].std() if len(draws) > 1 else np.nan)
-        for key, by in (
-            ("effect", total.rows), ("total", 1), ("per_unit", total.units), ("per_cost", total.cost)
-        ):  # fmt: skip
-            if key == "per_cost" and action not in found.panel.roles.cost:
-                continue
-            by = by or np.nan
-            low, high = sorted((draws[0] / by - half / by, draws[0] / by + half / by))
-            line |= {key: draws[0] / by, f"{key}_low": low, f"{key}_high": high}
+            note = "the windows do not tell it from other columns"
+        elif not total.units:
+            note = f"{action} is {sums.baseline!r} in every row"
+    else:
+        note = f"{action} is {level!r} in no row"
+    totals = [fit.theta[:, own] @ change for fit, own, change in zip(found.fits, columns, total.contrast, strict=True)]
+    if len(found.models) > 1:
+        totals.append(totals[0] + total.mixture * (total.rows / max(total.sampled, 1)))
+    scales = {"effect": total.rows, "total": 1, "per_unit": total.units}
+    if action in found.panel.roles.cost:
+        scales["per_cost"] = total.cost
+    for name, draws in zip(found.every_name, totals, strict=True):
+        value = draws[0] if told else np.nan
+        half = found.factor * draws[1:].std()
+        line = {"action": action, "level": level, "baseline": sums.baseline, "model": name, "rows": total.rows}
+        for key, scale in scales.items():
+            by = scale or np.nan
+            low, high = sorted(((value - half) / by, (value + half) / by))
+            line |= {key: value / by, f"{key}_low": low, f"{key}_high": high}
         yield line | {"told": told, "note": note}

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 INTERCEPT = "Intercept"  # name of a design's column that is 1 in every row, as formulaic has it
+MIXTURE = "mixture"  # what the models together are called in tables
 LabelIs = Literal["sum", "mean", "last", "binary"]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

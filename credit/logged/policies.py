@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from credit.core.errors import UserError
 from credit.logged.fits.mixture import mixed
 from credit.logged.panel import Floats, Ints, Panel, Part
 from credit.logged.recovering import Recovered, recover
@@ -77,11 +78,7 @@ class Half(Panel):
 
 
 def policies(found: Recovered) -> Logged | None:
-    """A policy and its value; None where states and actions are not finite, or there is no action.
-
-    Raises:
-        UserError: one half of the windows has nothing to be learned from.
-    """
+    """A policy and its value; None where states and actions are not finite, or there is no action."""
     import pandas as pd
 
     roles, columns = found.panel.roles, found.panel.columns
@@ -93,7 +90,10 @@ def policies(found: Recovered) -> Logged | None:
     if any(word in name for model in found.models for name in model.terms.names for word in CARRIES):
         return Logged(pd.DataFrame(), (), "no policy is chosen: a model's terms look back, and a state does not say it")
     first = found.units.of % 2 == 0
-    learned = recover(Half(found.panel, first), found.models, found.mixer, found.options)
+    try:
+        learned = recover(Half(found.panel, first), found.models, found.mixer, found.options)
+    except UserError as error:
+        return Logged(pd.DataFrame(), (), f"no policy is chosen, by half of the windows: {error}")
     actions = int(np.prod([len(columns[name].levels or ()) for name in roles.actions]))
     frame, credit, bonus = _cells(learned)
     plan = (credit - bonus).reshape(-1, actions)

@@ -18,7 +18,7 @@ from credit.logged.fits.odds import Bits, require_bits
 from credit.logged.fits.telling import Telling, remedied, told
 from credit.logged.fits.units import Units, units_of
 from credit.logged.models import Model, learned, windowed
-from credit.logged.panel import Floats, Ints, Panel
+from credit.logged.panel import MIXTURE, Floats, Ints, Panel
 from credit.logged.residuals.autocorrelation import estimated_rho
 from credit.logged.residuals.whitening import Layout, whiten
 
@@ -57,7 +57,7 @@ class Recovered:
         panel, models, mixer, options: what was asked. fits: of each model. held: θ of each fold and model without it
             [K][M][1 + b, D]. intercepts, held_intercepts: of bits, else empty. folds, units, rho: what was chosen.
         telling: what the windows can tell of the reference's columns, by their number in `told_columns`.
-        layout: of windows. whitened: the reference's design and labels as they were fitted, its columns as told.
+        designs: what windows sum of each model's terms [W, D].
     """
 
     panel: Panel
@@ -73,12 +73,17 @@ class Recovered:
     rho: float
     telling: Telling
     told_columns: np.ndarray
-    windows: tuple[Floats, ...]
+    designs: tuple[Floats, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
         """Of the models."""
         return tuple(model.name for model in self.models)
+
+    @property
+    def every_name(self) -> tuple[str, ...]:
+        """Of the models, and the mixture where there are several."""
+        return (*self.names, *([MIXTURE] if len(self.models) > 1 else []))
 
     @property
     def columns(self) -> list[Ints]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from credit.logged import claims
-from credit.logged.effects import MIXTURE, effects
+from credit.logged.effects import effects
 from credit.logged.fits.telling import WEAK
 from credit.logged.models import Model
 from credit.logged.panel import Panel
@@ -47,7 +47,7 @@ class LoggedCredit:
     @property
     def models(self) -> tuple[str, ...]:
         """Names, and the mixture where there are several."""
-        return (*self.found.names, *([MIXTURE] if len(self.found.models) > 1 else []))
+        return self.found.every_name
 
     @cached_property
     def steps(self) -> pd.DataFrame:
@@ -186,6 +186,9 @@ class LoggedCredit:
         sentences = [*found.panel.said, found.units.said]
         if found.options.residual == "ar1" and not found.bits:
             sentences.append(f"what is left of labels lasts from row to row with ρ = {found.rho:.3f}")
+        loose = [name for name in found.panel.roles.actions if name not in found.panel.roles.randomised]
+        if loose:
+            sentences.append(f"effects of {', '.join(loose)} are associations: not known to be drawn at random")
         return tuple(sentences)
 
     def __repr__(self) -> str:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,8 +18,6 @@ from credit.logged.residuals.whitening import Layout, errors
 
 if TYPE_CHECKING:
     import pandas as pd
-
-IN_MEMORY = 20_000_000  # numbers of a column that are kept in memory; more lie in a file
 
 
 @dataclass(frozen=True)
@@ -50,7 +46,7 @@ class Judged:
     Attributes:
         fitted: what credit adds up to [W]. held_out: what is predicted of each label by fits that have not seen its
             fold; of each model and the mixture, the last, [M + 1, W]. alike: predicted where all rows are alike [W].
-            persistent: that a window is as the last one before it whose label the fits saw [W].
+            persistent: that a row is worth what it was in the last labelled window before it [W].
         r_squared: held out, of each model and the mixture, against `alike`; against `persistent` for the second row
             [2, M + 1]. For bits the Brier score takes the place of squared errors, which is the same sum.
     """
@@ -65,9 +61,8 @@ class Judged:
 def scored(found: Recovered) -> tuple[Scored, Judged]:
     """Score all rows and judge them by their windows."""
     count, models = found.panel.rows, len(found.models)
-    kept = _kept(count, ["credit", "low", "high", "disagreement"])
-    each, weights = _kept(count, [str(m) for m in range(models)]), _kept(count, [f"w{m}" for m in range(models)])
-    number = np.empty(count, dtype=np.int64)
+    credit, half, disagreement = np.empty(count), np.empty(count), np.empty(count)
+    each, weights, number = np.empty((models, count)), np.empty((models, count)), np.empty(count, dtype=np.int64)
     windows = len(found.panel.windows)
     fitted, held_out = np.empty(windows), np.full((models + 1, windows), np.nan)
     columns = found.columns
@@ -76,37 +71,18 @@ def scored(found: Recovered) -> tuple[Scored, Judged]:
     for part, at in parts_of(found.panel):
         designs = rows.of(part)
         what = mixed(designs, thetas, found.mixer)
-        kept["credit"][at], kept["disagreement"][at] = what.credit, what.disagreement
-        half = found.factor * what.deviation
-        kept["low"][at], kept["high"][at] = what.credit - half, what.credit + half
-        for m in range(models):
-            each[str(m)][at], weights[f"w{m}"][at] = what.each[m], what.weights[m]
-        number[at] = part.frame.index
+        credit[at], half[at], disagreement[at] = what.credit, found.factor * what.deviation, what.disagreement
+        each[:, at], weights[:, at], number[at] = what.each, what.weights, part.frame.index
         own = slice(int(part.window[0]), int(part.window[-1]) + 1)
         fitted[own] = aggregated(part, what.credit, found.panel.roles)
         _hold_out(found, part, designs, columns, held_out[:, own])
     if found.bits:
         fitted = _odds(fitted, found.intercepts[0][0])
-        balanced_rows = np.full(count, np.nan)
+        adding_up = np.full(count, np.nan)
     else:
-        balanced_rows = _balanced(found, kept["credit"], fitted)
-    every = np.stack([each[str(m)] for m in range(models)]), np.stack([weights[f"w{m}"] for m in range(models)])
-    rows_ = Scored(kept["credit"], kept["low"], kept["high"], balanced_rows, kept["disagreement"], *every, number)
-    return rows_, _judged(found, fitted, held_out)
-
-
-def _kept(count: int, names: list[str]) -> dict[str, Floats]:
-    """A column each, in memory, or in files that go with them where they are long."""
-    if count * len(names) <= IN_MEMORY * 4:
-        return {name: np.empty(count) for name in names}
-    folder = Path(tempfile.mkdtemp(prefix="credit-"))
-    files: dict[str, Floats] = {
-        name: np.lib.format.open_memmap(folder / f"{name}.npy", "w+", shape=(count,)) for name in names
-    }
-    for file in folder.iterdir():
-        file.unlink()  # the pages live as long as the arrays
-    folder.rmdir()
-    return files
+        adding_up = _balanced(found, credit, fitted)
+    whole = Scored(credit, credit - half, credit + half, adding_up, disagreement, each, weights, number)
+    return whole, _judged(found, fitted, held_out)
 
 
 def _hold_out(found: Recovered, part: Part, designs: list[Floats], columns: list[np.ndarray], out: Floats) -> None:
@@ -124,11 +100,10 @@ def _hold_out(found: Recovered, part: Part, designs: list[Floats], columns: list
         what = mixed(some, [theta[:, own] for theta, own in zip(thetas, columns, strict=True)], found.mixer)
         sums[:-1, rows], sums[-1, rows] = what.each, what.credit
     out[:] = aggregated(part, sums.T, found.panel.roles).T
-    if found.bits:
-        for number, intercepts in enumerate(found.held_intercepts):
-            own = found.folds.fold[first : first + out.shape[1]] == number
-            for m in range(len(out)):
-                out[m, own] = _odds(out[m, own], intercepts[min(m, len(intercepts) - 1) if m < len(out) - 1 else 0][0])
+    for number, intercepts in enumerate(found.held_intercepts):  # of bits
+        own = found.folds.fold[first : first + out.shape[1]] == number
+        for m, intercept in enumerate([*intercepts, intercepts[0]]):  # the mixture has the reference's
+            out[m, own] = _odds(out[m, own], intercept[0])
 
 
 def _odds(sums: Floats, intercept: float) -> Floats:

@@ -1,4 +1,4 @@
-"""The folder of a recovery: steps, windows, effects, the model and what was asked; whole, or said to be unfinished."""
+"""The folder of a recovery: steps, windows, effects and what was asked; whole, or not at all."""
 
 from __future__ import annotations
 
@@ -37,10 +37,7 @@ class Folder:
         Raises:
             UserError: the place is taken by something that is no recovery.
         """
-        if path.exists() and any(path.iterdir()) and not (path / DONE).exists():
-            raise UserError(
-                f"{path}: there is something in it that is no recovery; choose another by name=… or output=…"
-            )
+        cls.require_free(path)
         beside = path.with_name(f".{path.name}.{os.getpid()}")
         shutil.rmtree(beside, ignore_errors=True)
         beside.mkdir(parents=True)
@@ -53,6 +50,16 @@ class Folder:
         finally:
             shutil.rmtree(beside, ignore_errors=True)
 
+    @staticmethod
+    def require_free(path: Path) -> None:
+        """Refuse to take the place of anything but an earlier recovery.
+
+        Raises:
+            UserError: the place is taken.
+        """
+        if path.exists() and (not path.is_dir() or (any(path.iterdir()) and not (path / DONE).exists())):
+            raise UserError(f"{path}: this is there, and no recovery; choose another place by name=… or output=…")
+
     def write(self, found: LoggedCredit, format: str = "parquet") -> None:
         """All frames, and numbers in `summary.json`."""
         import pandas as pd
@@ -60,16 +67,16 @@ class Folder:
         self._steps(found, format)
         for name in ("windows", "effects", "told", "placebo", "labelled", "robustness"):
             getattr(found, name).to_csv(self.path / f"{name}.csv", index=False)
-        if found.policies is not None and len(found.policies.table):
-            found.policies.table.to_csv(self.path / "policy.csv", index=False)
-            pd.DataFrame([vars(value) for value in found.policies.values]).to_csv(
-                self.path / "policy_values.csv", index=False
-            )
+        policy = found.policies
+        if policy is not None and len(policy.table):
+            policy.table.to_csv(self.path / "policy.csv", index=False)
+            pd.DataFrame([vars(value) for value in policy.values]).to_csv(self.path / "policy_values.csv", index=False)
         summary = {
             "said": list(found.said),
             "metrics": {key: None if value != value else value for key, value in found.metrics.items()},
             "chosen": found.chosen,
             "resampled": found.found.units.kind,
+            "policy": "" if policy is None else policy.said,
         }
         (self.path / "summary.json").write_text(json.dumps(summary, indent=2, ensure_ascii=False), encoding="utf-8")
 

@@ -89,6 +89,9 @@ def test_keys_may_stand_in_a_file_and_the_command_line_counts_more(sales: Path) 
         (("sales.csv", "reference.formula=1 + open('x')"), "open"),
         (("sales.csv", "surrogates.a.formula=x.__class__"), "surrogates.a"),
         (("sales.csv", "format=xml"), "format=xml"),
+        (("sales.csv", "-m", "reference.formula=1 + x,1 + q"), "q"),  # the second of two
+        (("sales.csv", "residual=uniform", "rho=.5"), "rho has no effect"),
+        (("sales.csv", "mixer=own", "--config-dir=none"), "no such folder"),
         (("sales.csv", "name=../x"), "no name"),
         (("sales.csv", "--explian"), "did you mean '--explain'"),
         (("sales.csv", "from=none.yaml"), "no such file"),
@@ -108,6 +111,22 @@ def test_what_fails_half_way_leaves_nothing(sales: Path, capsys: pytest.CaptureF
     assert recover("below.csv", *WORDS, *QUICK, "nonnegative=true") == 2
     assert "nonnegative" in capsys.readouterr().err
     assert list(Path("outputs/recover").iterdir()) == []
+
+
+def test_a_column_may_have_any_name(sales: Path) -> None:
+    frame = pd.read_csv(sales).rename(columns={"y": "net sales (k, 2024)", "w": "true"})
+    frame.to_csv("odd.csv", index=False)
+    words = ("data.label=net sales (k, 2024)", "data.window=true", *WORDS[2:])
+    assert recover("odd.csv", *words, *QUICK) == 0
+
+
+def test_mixers_of_several_folders_of_ones_own(sales: Path) -> None:
+    for name in ("one", "two"):
+        folder = Path(name) / "mixer"
+        folder.mkdir(parents=True)
+        (folder / f"{name}.yaml").write_text("_target_: credit.recovery.mixers.Best\n")
+    own = ("--config-dir=one", "--config-dir", "two")
+    assert recover("sales.csv", "-m", *WORDS, *QUICK, "mixer=one,two", *own) == 0
 
 
 def test_a_folder_of_something_else_is_not_written_over(sales: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -58,3 +58,13 @@ def test_a_sample_that_is_too_small_gives_no_number() -> None:
 
 def test_what_is_not_finite_has_no_policy() -> None:
     assert found(table()).policies is None
+
+
+def test_half_of_the_windows_may_tell_nothing() -> None:
+    frame = logs(60, 2)
+    first = (frame["w"] % 2) == 0
+    frame.loc[first, "y"] = 1.0
+    one = recovered(frame)
+    assert one.policies is not None
+    assert "no policy is chosen" in one.policies.said
+    assert not one.policies.values

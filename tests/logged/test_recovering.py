@@ -94,7 +94,7 @@ def test_what_is_held_out_was_not_seen() -> None:
     frame = table(windows=60, groups=2)
     one = found(frame, surrogates={"x": "1 + x"}, rho=0.0, reference={"formula": "1 + x + z", "regularization": 2.0})
     r = one.found
-    x, y = r.windows[0], r.panel.windows.label
+    x, y = r.designs[0], r.panel.windows.label
     for number, (tested, fitted) in enumerate(r.folds.of):
         inside, outside = np.isin(r.folds.piece, fitted), np.isin(r.folds.piece, tested)
         theta = solutions(plain(x[inside], y[inside]), np.array([2.0]), 0)[0]
@@ -174,6 +174,8 @@ def test_bits_are_log_odds() -> None:
         ({"reference": {"sign": {"q": "positive"}}}, "sign of 'q'"),
         ({"reference": {"sign": {"x": "up"}}}, "positive, negative"),
         ({"surrogates": {"a/b": "1"}}, "no name"),
+        ({"surrogates": {"mixture": "1"}}, "no name"),
+        ({"residual": "uniform", "rho": 0.5}, "rho has no effect"),
         ({"surrogates": {"a": "1 + __import__('os')"}}, "surrogates.a"),
         ({"nonnegative": True, "label_is": "sum", "negative": True}, "no word 'negative'"),
     ],
@@ -185,3 +187,31 @@ def test_wrong_words_are_refused(words: dict[str, Any], said: str) -> None:
 
 def test_it_says_what_it_is_in_a_line() -> None:
     assert repr(found(table())).startswith("LoggedCredit(200 rows, 40 windows, reference+actions, held-out R²")
+
+
+def test_without_actions_there_are_no_effects() -> None:
+    one = found(table(), actions=[], states=["x", "z"])
+    for frame in (one.effects, one.placebo, one.robustness):
+        assert len(frame) == 0
+    assert one.steps["credit"].notna().all()
+    assert one.models == ("reference",)
+
+
+def test_without_the_package_of_formulas_all_columns_are_a_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("credit.logged.asking.importlib.util.find_spec", lambda name: None)
+    one = found(table(), reference=None)
+    assert one.models == ("reference",)
+    assert one.r_squared["reference"][0] > 0.9
+
+
+def test_an_effect_is_called_an_association_unless_the_action_was_drawn() -> None:
+    assert any("effects of x are associations" in sentence for sentence in found(table()).said)
+    assert not any("associations" in sentence for sentence in found(table(), randomised=["x"]).said)
+
+
+def test_options_that_bits_make_useless_are_refused() -> None:
+    frame = table()
+    bits = frame.assign(y=(frame["y"] > frame["y"].median()).astype(int))
+    for words in ({"nonnegative": True}, {"rho": 0.5}):
+        with pytest.raises(UserError, match="no effect: labels are bits"):
+            found(bits, **words)

@@ -39,6 +39,7 @@ class Choices(Protocol):
     def fixed(self) -> Ints: ...  # noqa: D102
     @property
     def choices(self) -> Sequence[Free]: ...  # noqa: D102
+    def chosen(self, choice: Sequence[int] | Ints) -> Ints: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
@@ -57,18 +58,12 @@ class LinearFit:
 
     def columns(self, choices: Choices, fit: int = 0) -> Ints:
         """Which columns of the design are in a fit."""
-        return selected(choices, self.chosen[fit])
+        return choices.chosen(self.chosen[fit])
 
     def used(self, choices: Choices) -> Ints:
         """Which columns of the design are in some fit."""
-        every = [selected(choices, choice) for choice in np.unique(self.chosen, axis=0)]
+        every = [choices.chosen(choice) for choice in np.unique(self.chosen, axis=0)]
         return np.unique(np.concatenate(every)).astype(np.int64)
-
-
-def selected(choices: Choices, chosen: Sequence[int] | Ints) -> Ints:
-    """The columns of a choice, in the order of the design."""
-    picked = [free.columns[number] for free, number in zip(choices.choices, chosen, strict=True)]
-    return np.unique(np.concatenate([choices.fixed, *picked])).astype(np.int64)
 
 
 def intercept_of(choices: Choices) -> int | None:
@@ -135,7 +130,7 @@ class Fitting:
                 begin = list(chosen[0])
         for choice in np.unique(chosen, axis=0):  # all fits with the same columns at once
             own = np.flatnonzero((chosen == choice).all(1)).astype(np.int64)
-            columns = selected(choices, choice)
+            columns = choices.chosen(choice)
             inside = _place(columns, free)
             part = pieces[:, own].of(columns)
             errors = held_out(*self.folds.apart(part), penalties, inside) if len(self.folds.of) > 1 else None
@@ -161,7 +156,7 @@ class Fitting:
         free = intercept_of(choices)
         for choice in np.unique(fit.chosen[: 1 + draws], axis=0):
             own = np.flatnonzero((fit.chosen[: 1 + draws] == choice).all(1)).astype(np.int64)
-            columns = selected(choices, choice)
+            columns = choices.chosen(choice)
             part = pieces[self.folds.of[fold][1]][:, own].of(columns).sum(0)
             theta[own[:, None], columns] = _solved(part, fit.penalty[own], columns, _place(columns, free), signs)
         return theta
@@ -180,11 +175,10 @@ class Fitting:
         for _ in range(sweeps):
             penalty = penalties
             if len(penalties) > 1:
-                penalty = penalties[[int(errors(selected(choices, chosen), penalties).argmin())]]
+                penalty = penalties[[int(errors(choices.chosen(chosen), penalties).argmin())]]
             for term, one in enumerate(choices.choices):
                 offered = [
-                    selected(choices, [*chosen[:term], number, *chosen[term + 1 :]])
-                    for number in range(len(one.columns))
+                    choices.chosen([*chosen[:term], number, *chosen[term + 1 :]]) for number in range(len(one.columns))
                 ]
                 if len({(len(columns), _place(columns, free)) for columns in offered}) == 1:
                     costs = errors(np.stack(offered), penalty)[:, 0]

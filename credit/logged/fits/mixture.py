@@ -56,7 +56,7 @@ def mixed(designs: Sequence[Floats], thetas: Sequence[Floats], mixer: Mixer, kee
         pairs = zip(designs, across, strict=True)
         return _mixed(np.stack([design[first : first + at_once] @ theta for design, theta in pairs]), mixer, keep)
 
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+    with ThreadPoolExecutor(_processors()) as pool:
         parts = list(pool.map(of, range(0, count, at_once)))
     if not parts:
         parts = [_mixed(np.zeros((len(designs), 0, fits)), mixer, keep)]
@@ -68,6 +68,11 @@ def mixed(designs: Sequence[Floats], thetas: Sequence[Floats], mixer: Mixer, kee
         np.concatenate([part.disagreement for part in parts]),
         np.concatenate([part.draws for part in parts if part.draws is not None], axis=1) if keep else None,
     )
+
+
+def _processors() -> int:
+    """How many this process may use; not every system tells."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _mixed(predictions: Floats, mixer: Mixer, keep: bool) -> Mixed:

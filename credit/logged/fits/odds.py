@@ -14,7 +14,7 @@ import numpy as np
 
 from credit.core.errors import UserError
 from credit.logged.fits.folds import Folds
-from credit.logged.fits.linear import Choices, LinearFit, intercept_of, selected
+from credit.logged.fits.linear import Choices, LinearFit, intercept_of
 from credit.logged.fits.ridge import LAMBDAS
 from credit.logged.fits.units import Units
 from credit.logged.panel import Floats, Ints
@@ -49,11 +49,11 @@ class Bits:
         chosen = [0] * len(choices.choices)
         for term, one in enumerate(choices.choices):
             costs = [
-                self._held_out(selected(choices, [*chosen[:term], number, *chosen[term + 1 :]]), choices, [1.0]).min()
+                self._held_out(choices.chosen([*chosen[:term], number, *chosen[term + 1 :]]), choices, [1.0]).min()
                 for number in range(len(one.columns))
             ]
             chosen[term] = int(np.argmin(costs))
-        columns = selected(choices, chosen)
+        columns = choices.chosen(chosen)
         errors = self._held_out(columns, choices, penalties)
         penalty = float(penalties[int(errors.argmin())])
         theta, intercept = self._solved(columns, choices, penalty, self.known, 1 + self.draws)

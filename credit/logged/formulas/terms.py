@@ -90,10 +90,10 @@ class Terms:
         touched = np.repeat([column in block.features for block in self.blocks], [block.size for block in self.blocks])
         return np.flatnonzero(touched).astype(np.int64)
 
-    def chosen(self, choice: Sequence[int]) -> Ints:
+    def chosen(self, choice: Sequence[int] | Ints) -> Ints:
         """Columns of the design where each of `choices` has the candidate of this number, ascending."""
         parts = [free.columns[at] for free, at in zip(self.choices, choice, strict=True)]
-        return np.sort(np.concatenate([self.fixed, *parts]))
+        return np.unique(np.concatenate([self.fixed, *parts])).astype(np.int64)
 
     def learn(self, part: Part) -> Terms:
         """These terms, with means and knots of what is carried over, or of several columns, from a sample in time.

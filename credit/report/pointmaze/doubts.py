@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,9 +15,18 @@ from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
 from credit.report import style
-from credit.report.pointmaze.maps import BLUES, OUTLIERS, SHADES, chosen_refits, draw_row, empty, quiet, say_when
-from credit.report.pointmaze.tracks import Journal, has_tracks, load_tracks
-from credit.report.reading import arrays
+from credit.report.pointmaze.maps import (
+    BLUES,
+    OUTLIERS,
+    SHADES,
+    chosen_refits,
+    draw_row,
+    empty,
+    over_mazes,
+    quiet,
+    say_when,
+)
+from credit.report.pointmaze.tracks import Journal, load_tracks
 from credit.report.statistics import Array
 
 
@@ -56,16 +64,12 @@ def load_doubts(runs: pd.DataFrame) -> Doubts | None:
     """
     found: list[dict[str, Any]] = []
     journals: list[Journal] = []
-    for folder in runs["folder"]:
-        path = Path(folder) / "recovery.npz"
-        if not (has_tracks(folder) and path.exists()):
+    for folder, data in over_mazes(runs):
+        models = [str(model) for model in data["models"]]
+        keys = [*(f"mse/{model}" for model in models), *(f"disagreement/{model}" for model in models[1:])]
+        if not {*keys} <= {*data}:
             continue
-        with arrays(folder, path.name) as data:
-            models = [str(model) for model in data["models"]]
-            keys = [*(f"mse/{model}" for model in models), *(f"disagreement/{model}" for model in models[1:])]
-            if not {"grid/states", *keys} <= {*data}:
-                continue
-            found.append({key: data[key] for key in ("models", "rounds", "grid/states", *keys)})
+        found.append({key: data[key] for key in ("models", "rounds", "grid/states", *keys)})
         journals.append(load_tracks(folder))
     if not found:
         return None

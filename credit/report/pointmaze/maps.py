@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -60,20 +60,14 @@ def load_beliefs(runs: pd.DataFrame) -> Beliefs | None:
     Returns:
         The beliefs, or None where no run has both a maze and a recovery over it.
     """
-    found: list[dict[str, Any]] = []
-    journal = None
-    for folder in runs["folder"]:
-        path = Path(folder) / "recovery.npz"
-        if not (has_tracks(folder) and path.exists()):
-            continue
-        with arrays(folder, path.name) as data:
-            if "grid/states" not in data:
-                continue
-            wanted = ("models", "rounds", "best", "grid/states")
-            found.append({key: data[key] for key in data if key in wanted or key.startswith(("reward/", "weight/"))})
-        journal = journal or load_tracks(folder)
-    if journal is None:
+    wanted = ("models", "rounds", "best", "grid/states")
+    found, folders = [], []
+    for folder, data in over_mazes(runs):
+        found.append({key: data[key] for key in data if key in wanted or key.startswith(("reward/", "weight/"))})
+        folders.append(folder)
+    if not found:
         return None
+    journal = load_tracks(folders[0])
     models = [str(model) for model in found[0]["models"]]
     rounds, places = chosen_refits(found)
 
@@ -89,6 +83,16 @@ def load_beliefs(runs: pd.DataFrame) -> Beliefs | None:
         best = np.argmax([(chosen == index).mean(0) for index in range(len(models))], axis=0)
     states = np.asarray(found[0]["grid/states"], dtype=float)[:, :2]
     return Beliefs(len(found), journal, states, tuple(int(rounds[place]) for place in places), rewards, weights, best)
+
+
+def over_mazes(runs: pd.DataFrame) -> Iterator[tuple[Any, Any]]:
+    """Folder and open arrays of every run that has both a maze and a recovery over it; rows of `Runs.frame`."""
+    for folder in runs["folder"]:
+        path = Path(folder) / "recovery.npz"
+        if has_tracks(folder) and path.exists():
+            with arrays(folder, path.name) as data:
+                if "grid/states" in data:
+                    yield folder, data
 
 
 def chosen_refits(found: Sequence[Mapping[str, Any]]) -> tuple[NDArray[np.int64], list[int]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -28,6 +29,11 @@ class Design:
     names: list[str]
     fixed: np.ndarray
     choices: list[Term] = field(default_factory=list)
+
+    def chosen(self, choice: Sequence[int] | np.ndarray) -> np.ndarray:
+        return np.unique(
+            [*self.fixed, *(c for term, at in zip(self.choices, choice, strict=True) for c in term.columns[at])]
+        )
 
 
 def design(size: int) -> Design:
