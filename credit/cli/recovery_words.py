@@ -35,7 +35,7 @@ class Request:
 
     Attributes:
         data: the table. words: as they were typed. ask: what is asked. explain: fit nothing.
-        output, name: the folder is OUTPUT/NAME. format: of steps. tracked: whether it is logged to MLflow.
+        output, name: the folder is OUTPUT/recover/NAME. format: of steps. tracked: whether it is logged to MLflow.
     """
 
     data: str
@@ -50,7 +50,7 @@ class Request:
     @property
     def folder(self) -> Path:
         """Where it goes."""
-        return self.output / self.name
+        return self.output / "recover" / self.name
 
 
 def requests(argv: Sequence[str]) -> list[Request]:
@@ -154,7 +154,7 @@ def _request(data: str, words: Sequence[str], flags: Sequence[str], config_dirs:
     if problems:
         raise UserError("\n".join([*problems, "`credit recover --help` lists what can be set"]))
     format_ = own.get("format", "csv" if data.lower().endswith(".csv") else "parquet")
-    output = Path(str(own.get("output", "outputs"))) / "recover"
+    output = Path(str(own.get("output", "outputs")))
     return Request(data, tuple(words), ask, "--explain" in flags, output, name, format_, own.get("tracking") != "none")
 
 

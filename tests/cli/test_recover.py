@@ -145,3 +145,5 @@ def test_a_stranger_types_the_file_alone(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (0, "")
     assert "adstock(tv, 0.8)" in done.stdout
     assert "Logged to MLflow" in done.stdout
+    assert "credit dashboard`" in done.stdout  # the store of all runs, where the dashboard looks by itself
+    assert list((tmp_path / "outputs").glob("mlflow*"))
