@@ -15,6 +15,7 @@ from credit.logged.fits.folds import Folds, folds_of
 from credit.logged.fits.linear import Fitting, LinearFit
 from credit.logged.fits.moments import Moments
 from credit.logged.fits.odds import Bits, require_bits
+from credit.logged.fits.refining import refined
 from credit.logged.fits.telling import Telling, remedied, told
 from credit.logged.fits.units import Units, units_of
 from credit.logged.models import Model, learned, windowed
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from credit.core.seams import Mixer
 
 HELD_OUT_DRAWS = 50  # at most, of fits that have not seen a fold
+NEWTON_DRAWS = 40  # at most, by which it is told where a decay may lie
 
 
 @dataclass(frozen=True)
@@ -183,11 +185,13 @@ class _Numbers(_Fit):
         first = self._fits(Fitting(self.folds, None), self.designs[:1], y)[0][0]
         if self.options.residual == "ar1":
             self.rho = self._rho(first, layout, y)
-        x, y = self._whitened(layout, y)
-        fitting = Fitting(self.folds, None)
-        point = self._fits(fitting, x[:1], y)[0][0]
-        residuals = np.where(self.known, y - x[0] @ point.theta[0], np.nan)
+        x, white = self._whitened(layout, y)
+        points, _ = self._fits(Fitting(self.folds, None), x, white)
+        residuals = np.where(self.known, white - x[0] @ points[0].theta[0], np.nan)
         units = units_of(residuals, self.windows)
+        if self._refine(points, x, white, units):
+            x, white = self._whitened(layout, y)
+        y = white
         self.folds = self.regapped(units)
         fitting = Fitting(self.folds, units, self.options.draws, self.options.seed)
         fits, moments = self._fits(fitting, x, y)
@@ -206,6 +210,22 @@ class _Numbers(_Fit):
             moments.append(fitting.moments(design, y, self.known))
             fits.append(fitting.fit(model.terms, moments[-1], model.regularization, model.bound()))
         return fits, moments
+
+    def _refine(self, points: list[LinearFit], x: Sequence[Floats], y: Floats, units: Units) -> bool:
+        """Lay candidates of decays where draws say that they are; whether there are such decays."""
+        fitting = Fitting(self.folds, units, min(self.options.draws, NEWTON_DRAWS), self.options.seed)
+        models = []
+        for model, design, fit in zip(self.models, x, points, strict=True):
+            if not any(free.call for free in model.terms.choices):
+                models.append(model)
+                continue
+            decays = refined(model.terms, fitting.moments(design, y, self.known).sum(0), fit)
+            models.append(replace(model, terms=model.terms.refined(decays)))
+        if models == list(self.models):
+            return False
+        self.models = tuple(models)
+        self.designs, _ = windowed(self.panel, self.models)
+        return True
 
     def _rho(self, fit: LinearFit, layout: Layout, y: Floats) -> float:
         if self.options.rho is not None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from credit.logged.fits.moments import Moments, stacked
+from credit.logged.fits.moments import Moments
 from credit.logged.panel import Floats, Ints, Windows
 
 
@@ -32,16 +32,18 @@ class Folds:
     def apart(self, pieces: Moments) -> tuple[Moments, Moments]:
         """Moments of pieces [3K, ...] as what each fold is fitted to, and what it is tested on [K, ...]."""
         tested, fitted = zip(*self.of, strict=True)
-        return _summed(pieces, fitted), _summed(pieces, tested)
+        return self._summed(pieces, fitted), self._summed(pieces, tested)
+
+    def _summed(self, pieces: Moments, several: Iterable[Ints]) -> Moments:
+        """Of several sets of pieces [K, ...], by one product of matrices."""
+        inside = np.array([np.isin(np.arange(self.pieces), which) for which in several], dtype=np.float64)
+        parts = (pieces.xx, pieces.xy, pieces.yy, pieces.weight)
+        return Moments(*(np.tensordot(inside, part, axes=1) for part in parts))
 
     @property
     def pieces(self) -> int:
         """3K."""
         return 3 * len(self.of)
-
-
-def _summed(pieces: Moments, several: Iterable[Ints]) -> Moments:
-    return stacked([pieces[which].sum(0) for which in several])
 
 
 def folds_of(windows: Windows, count: int, gap: int) -> Folds:

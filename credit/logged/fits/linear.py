@@ -132,7 +132,7 @@ class Fitting:
             own = np.flatnonzero((chosen == choice).all(1)).astype(np.int64)
             columns = choices.chosen(choice)
             inside = _place(columns, free)
-            part = pieces[:, own].of(columns)
+            part = pieces.of(columns, own)
             errors = held_out(*self.folds.apart(part), penalties, inside) if len(self.folds.of) > 1 else None
             plain = len(penalties) // 2 if regularization is None else 0  # there is nothing to try it on
             best = np.full(len(own), plain) if errors is None else np.asarray(errors).argmin(-1)
@@ -157,7 +157,7 @@ class Fitting:
         for choice in np.unique(fit.chosen[: 1 + draws], axis=0):
             own = np.flatnonzero((fit.chosen[: 1 + draws] == choice).all(1)).astype(np.int64)
             columns = choices.chosen(choice)
-            part = pieces[self.folds.of[fold][1]][:, own].of(columns).sum(0)
+            part = pieces.of(columns, own)[self.folds.of[fold][1]].sum(0)
             theta[own[:, None], columns] = _solved(part, fit.penalty[own], columns, _place(columns, free), signs)
         return theta
 

@@ -44,8 +44,16 @@ class Moments:
         """Of several sets together; `axis` counts from the front."""
         return Moments(self.xx.sum(axis), self.xy.sum(axis), self.yy.sum(axis), self.weight.sum(axis))
 
-    def of(self, columns: Ints) -> Moments:
-        """With some columns of the design alone [d]; or with several choices of as many [C, d], which come last."""
+    def of(self, columns: Ints, fits: Ints | None = None) -> Moments:
+        """With some columns of the design alone [d]; or with several choices of as many [C, d], which come last.
+
+        Args:
+            columns: of the design. fits: some of the second dimension, where one choice is made; None: all.
+        """
+        if fits is not None:
+            inner = (slice(None), fits[:, None, None], columns[:, None], columns)
+            xy = self.xy[:, fits[:, None], columns]
+            return Moments(self.xx[inner], xy, self.yy[:, fits], self.weight[:, fits])
         if columns.ndim == 1:
             return Moments(self.xx[..., columns[:, None], columns], self.xy[..., columns], self.yy, self.weight)
         xx = self.xx[..., columns[:, :, None], columns[:, None, :]]

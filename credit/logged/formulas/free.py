@@ -33,11 +33,15 @@ class Free:
     Attributes:
         text: factors, as the formula has them. candidates: the same with numbers. columns: of the design, one array a
             candidate; candidates may share some.
+        call: text of the one decay that is chosen here, where numbers between its candidates can be tried; else "".
+        decays: those of the candidates, rising, where there is such a call.
     """
 
     text: str
     candidates: tuple[str, ...]
     columns: tuple[Ints, ...]
+    call: str = ""
+    decays: tuple[float, ...] = ()
 
 
 def free_calls(tree: ast.expr) -> dict[str, int]:
@@ -52,6 +56,20 @@ def free_calls(tree: ast.expr) -> dict[str, int]:
             elif given is None:
                 found[ast.unparse(node)] = len({"lag": LAGS, "adstock": DECAYS}.get(name, SHARES))
     return found
+
+
+def tried(tree: ast.expr, decays: Mapping[str, Sequence[float]]) -> ast.expr:
+    """A tree where a decay that was left open has these candidates: text of its call → numbers."""
+    match tree:
+        case ast.BinOp(left=left, op=op, right=right):
+            return ast.BinOp(tried(left, decays), op, tried(right, decays))
+        case ast.UnaryOp(op=sign, operand=operand):
+            return ast.UnaryOp(sign, tried(operand, decays))
+        case ast.Call(func=function, args=[inner, *given]):
+            if (numbers := decays.get(ast.unparse(tree))) is not None:
+                given = [ast.List([ast.Constant(number) for number in numbers])]
+            return ast.Call(function, [tried(inner, decays), *given], [])
+    return tree
 
 
 def together(terms: Sequence[Iterable[str]]) -> list[list[int]]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from credit.core.errors import UserError
 from credit.logged.formulas.blocks import Block, Factor
-from credit.logged.formulas.free import Free, choices, concrete, free_calls, together
+from credit.logged.formulas.free import DECAYS, Free, choices, concrete, free_calls, together
 from credit.logged.formulas.reading import LARGEST, Trees
 from credit.logged.panel import Column, Ints
 from credit.recovery.features.grammar import Scoped
@@ -62,7 +62,10 @@ def _free(
             )
         candidates.setdefault(", ".join(texts), np.sort(np.concatenate(parts)))
     free = dict.fromkeys(name for each in members for name, _ in each.factors if free_calls(trees[name]))
-    return Free(", ".join(free), tuple(candidates), tuple(candidates.values()))
+    call, *others = calls
+    plain = not others and len(candidates) == len(DECAYS) and call.startswith("adstock(") and not call.endswith("])")
+    own = (call, tuple(map(float, DECAYS))) if plain else ("", ())
+    return Free(", ".join(free), tuple(candidates), tuple(candidates.values()), *own)
 
 
 def _block(each: Scoped, trees: Trees, choice: Mapping[str, int], columns: Mapping[str, Column]) -> Block:

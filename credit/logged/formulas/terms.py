@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -25,7 +25,7 @@ from credit.core.errors import UserError
 from credit.logged.formulas import learning
 from credit.logged.formulas.blocks import Block
 from credit.logged.formulas.compute import Learned, Rows, code
-from credit.logged.formulas.free import Free
+from credit.logged.formulas.free import Free, tried
 from credit.logged.formulas.layout import laid_out
 from credit.logged.formulas.reading import parse
 from credit.logged.panel import Column, Floats, Ints, Part, Roles
@@ -40,7 +40,7 @@ class Terms:
     Attributes:
         formula: the text; None: an intercept and every feature. columns: features by name. blocks: its products.
         choices: what is chosen by cross-validation, in order. fixed: columns that are in every choice.
-        learned: text of a call → what is fixed of it.
+        learned: text of a call → what is fixed of it. decays: text of a call → what is tried, where that was refined.
     """
 
     formula: str | None
@@ -49,10 +49,21 @@ class Terms:
     choices: tuple[Free, ...]
     fixed: Ints
     learned: Mapping[str, Learned]
+    decays: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, formula: str | None, columns: Mapping[str, Column], roles: Roles) -> Terms:
+    def of(
+        cls,
+        formula: str | None,
+        columns: Mapping[str, Column],
+        roles: Roles,
+        decays: Mapping[str, Sequence[float]] | None = None,
+    ) -> Terms:
         """Read a formula.
+
+        Args:
+            formula: its text; None: all features. columns: features by name. roles: of other names, for messages.
+            decays: candidates of calls that leave theirs open, text → numbers; None: the usual ones.
 
         Raises:
             UserError: it is no formula, reaches for what is not listed, or does not fit the columns.
@@ -60,12 +71,19 @@ class Terms:
         order = [name for name in dict.fromkeys((*roles.features, *columns)) if name in columns]
         columns = {name: replace(columns[name], stock=columns[name].stock or name in roles.stock) for name in order}
         scoped, trees = parse(formula, columns, roles)
+        trees = {name: tried(tree, decays or {}) for name, tree in trees.items()}
         try:
             blocks, fixed, free = laid_out(scoped, trees, columns)
             learned = learning.from_columns((one.tree for block in blocks for one in block.factors), columns)
         except UserError as error:
             raise error if formula is None else UserError(f"formula {formula!r}: {error}") from None
-        return cls(formula, columns, blocks, free, fixed, learned)
+        return cls(formula, columns, blocks, free, fixed, learned, dict(decays or {}))
+
+    def refined(self, decays: Mapping[str, Sequence[float]]) -> Terms:
+        """The same with other candidates for decays that were left open, text of a call → numbers."""
+        roles = Roles(window="", label="", states=tuple(self.columns))
+        found = Terms.of(self.formula, self.columns, roles, {**self.decays, **decays})
+        return replace(found, learned={**found.learned, **self.learned})
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -136,7 +154,8 @@ class Terms:
     def to_dict(self) -> dict[str, Any]:
         """Plain lists, texts and numbers, from which `from_dict` makes these terms."""
         columns = [asdict(one) for one in self.columns.values()]  # all: a text may name what it takes away
-        return {"formula": self.formula, "columns": _plain(columns), "learned": _plain(self.learned)}
+        plain = {"columns": columns, "learned": self.learned, "decays": self.decays}
+        return {"formula": self.formula, **{key: _plain(value) for key, value in plain.items()}}
 
     @classmethod
     def from_dict(cls, saved: Mapping[str, Any]) -> Terms:
@@ -151,7 +170,8 @@ class Terms:
             for name, one in columns.items()
         }
         roles = Roles(window="", label="", states=tuple(columns))
-        return replace(cls.of(saved["formula"], columns, roles), learned=dict(saved["learned"]))
+        found = cls.of(saved["formula"], columns, roles, saved["decays"])
+        return replace(found, learned=dict(saved["learned"]))
 
     @cached_property
     def _trees(self) -> Sequence[ast.expr]:
