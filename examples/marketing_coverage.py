@@ -9,6 +9,7 @@ what is carried over), the estimate and its 90% interval.
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -42,7 +43,7 @@ def shown(effects: pd.DataFrame) -> pd.DataFrame:
     return table.round(3)
 
 
-def main(file: Path, count: int) -> None:
+def run(one: Callable[[int], pd.DataFrame], file: Path, count: int) -> None:
     """Run data sets beside each other, and write all rows as they come."""
     parts = []
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
@@ -53,4 +54,4 @@ def main(file: Path, count: int) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 200)
+    run(one, Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 200)
