@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from credit.core.errors import UserError
+from credit.logged.fits.choosing import Reduced
 from credit.logged.fits.folds import Folds
 from credit.logged.fits.moments import Moments, moments
 from credit.logged.fits.ridge import LAMBDAS, held_out, signed, solutions
@@ -124,10 +125,9 @@ class Fitting:
         theta, penalty, first = np.zeros((fits, pieces.xy.shape[-1])), np.zeros(fits), 0.0
         if choices.choices and len(self.folds.of) > 1:
             begin = list(start) if start is not None else [0] * len(choices.choices)
-            for fit in range(fits):
-                sweeps = SWEEPS if fit == 0 else 1
-                chosen[fit] = self._choose(choices, pieces[:, fit], penalties, free, begin, sweeps)
-                begin = list(chosen[0])
+            chosen[0], best = self._choose(choices, pieces[:, 0], penalties, free, begin)
+            for fit in range(1, fits):  # draws begin where the fit to all ended
+                chosen[fit], _ = self._choose(choices, pieces[:, fit], penalties, free, list(chosen[0]), best)
         for choice in np.unique(chosen, axis=0):  # all fits with the same columns at once
             own = np.flatnonzero((chosen == choice).all(1)).astype(np.int64)
             columns = choices.chosen(choice)
@@ -162,33 +162,63 @@ class Fitting:
         return theta
 
     def _choose(
-        self, choices: Choices, pieces: Moments, penalties: Floats, free: int | None, begin: list[int], sweeps: int
-    ) -> list[int]:
-        """The candidate of each term, one term after the other, that predicts labels best which were held out: with the
-        λ that is best for the candidates so far."""
+        self,
+        choices: Choices,
+        pieces: Moments,
+        penalties: Floats,
+        free: int | None,
+        begin: Sequence[int],
+        penalty: float | None = None,
+    ) -> tuple[list[int], float]:
+        """The candidate of each term, one term after the other, that predicts labels best which were held out; and λ.
+
+        Args:
+            pieces: moments of one fit. begin: candidates to begin with. penalty: λ; None: that which is best for the
+                candidates so far, in each of several sweeps.
+        """
         fitted, tested = self.folds.apart(pieces)
-
-        def errors(columns: Ints, penalties: Floats) -> Floats:
-            return held_out(fitted.of(columns), tested.of(columns), penalties, _place(columns, free))
-
         chosen, before = list(begin), list[int]()
-        for _ in range(sweeps):
-            penalty = penalties
-            if len(penalties) > 1:
-                penalty = penalties[[int(errors(choices.chosen(chosen), penalties).argmin())]]
+        for _ in range(SWEEPS if penalty is None else 1):
+            best = penalty
+            if best is None:
+                columns = choices.chosen(chosen)
+                at = held_out(fitted.of(columns), tested.of(columns), penalties, _place(columns, free)).argmin()
+                best = float(penalties[at])
+            errors = _errors(fitted, tested, choices, best, free)
             for term, one in enumerate(choices.choices):
-                offered = [
-                    choices.chosen([*chosen[:term], number, *chosen[term + 1 :]]) for number in range(len(one.columns))
-                ]
-                if len({(len(columns), _place(columns, free)) for columns in offered}) == 1:
-                    costs = errors(np.stack(offered), penalty)[:, 0]
-                else:
-                    costs = np.array([errors(columns, penalty)[0] for columns in offered])
-                chosen[term] = int(costs.argmin())
+                others = [at.columns[chosen[k]] for k, at in enumerate(choices.choices) if k != term]
+                chosen[term] = int(np.argmin(errors([np.concatenate([*others, own]) for own in one.columns])))
             if chosen == before:
                 break
             before = list(chosen)
-        return chosen
+        assert best is not None
+        return chosen, best
+
+
+def _errors(
+    fitted: Moments, tested: Moments, choices: Choices, penalty: float, free: int | None
+) -> Callable[[list[Ints]], Floats]:
+    """Σ over folds of squared errors, as a function of the columns of candidates beside those that are fixed."""
+    fixed = np.asarray(choices.fixed)
+    if penalty > 0 and (free is None or free in fixed):
+        reduced = Reduced.of(fitted, tested, fixed, penalty, free)
+
+        def few(candidates: list[Ints]) -> Floats:
+            if len({len(one) for one in candidates}) == 1:
+                return reduced.errors(np.stack(candidates))
+            return np.array([reduced.errors(one[None])[0] for one in candidates])
+
+        return few
+
+    def whole(candidates: list[Ints]) -> Floats:
+        found = []
+        for one in candidates:
+            columns = np.unique(np.concatenate([fixed, one])).astype(np.int64)
+            parts = fitted.of(columns), tested.of(columns)
+            found.append(held_out(*parts, np.array([penalty]), _place(columns, free))[0])
+        return np.array(found)
+
+    return whole
 
 
 def _solved(

@@ -31,10 +31,7 @@ def solutions(moments: Moments, penalties: Floats, free: int | None) -> Floats:
         along = moments.xx[..., own, free] * inverse[..., None]
         xx = xx - along[..., :, None] * moments.xx[..., free, own][..., None, :]
         xy = xy - along * moments.xy[..., free][..., None]
-    weight = np.maximum(moments.weight, 1e-300)[..., None]
-    before = np.maximum(moments.xx[..., own, own], 0)
-    variance = np.diagonal(xx, axis1=-2, axis2=-1)
-    scale = np.sqrt(np.where(variance > ROUNDING * before, variance, 0) / weight)
+    scale = scales(moments, free)[..., own]
     safe = np.where(scale > 0, scale, 1)
     live = (scale > 0).astype(float)
     xx = xx / (safe[..., :, None] * safe[..., None, :]) * live[..., :, None] * live[..., None, :]
@@ -62,6 +59,20 @@ def _whole(inner: Floats, moments: Moments, own: Ints, free: int | None) -> Floa
         left = moments.xy[..., free][..., None] - rest
         theta[..., free] = np.where(square > 0, 1, 0)[..., None] * left / np.where(square > 0, square, 1)[..., None]
     return theta
+
+
+def scales(moments: Moments, free: int | None) -> Floats:
+    """s of each column [..., d], 0 for the column `free` and for those that do not vary."""
+    before = np.diagonal(moments.xx, axis1=-2, axis2=-1)
+    variance = before
+    if free is not None:
+        square = before[..., free, None]
+        variance = before - moments.xx[..., free, :] ** 2 / np.where(square > 0, square, np.inf)
+    weight = np.maximum(moments.weight, 1e-300)[..., None]
+    scale = np.sqrt(np.where(variance > ROUNDING * np.maximum(before, 0), variance, 0) / weight)
+    if free is not None:
+        scale[..., free] = 0
+    return scale
 
 
 def held_out(fitted: Moments, tested: Moments, penalties: Floats, free: int | None) -> Floats:
