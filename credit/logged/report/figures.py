@@ -1,0 +1,230 @@
+"""The pictures of a recovery: what actions were worth, what is predicted, credit over time, where models disagree."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from credit.logged.panel import MIXTURE as TOGETHER
+from credit.logged.report import look
+from credit.logged.report.gathered import Gathered, Share
+from credit.logged.report.look import INK, MIXTURE, OTHERS, QUIET, REFERENCE, UNSURE, WIDE, Picture
+from credit.logged.report.numbers import number, short
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from credit.logged.result import LoggedCredit
+
+MOST = 20  # actions, or their categories, in a picture
+LINES = 5  # actions over time
+BARS = 10
+ROW = 0.26  # inches
+
+
+def colours(models: Sequence[str]) -> dict[str, str]:
+    """A colour for each model and the mixture."""
+    surrogates = [name for name in models[1:] if name != TOGETHER]
+    others = {name: OTHERS[number % len(OTHERS)] for number, name in enumerate(surrogates)}
+    return {models[0]: REFERENCE, **others} | ({TOGETHER: MIXTURE} if TOGETHER in models else {})
+
+
+def named(line: dict[Any, Any], most: int = 40) -> str:
+    """An action, or one of its categories, in few words."""
+    return short(line["action"] if line["level"] is None else f"{line['action']} = {line['level']}", most)
+
+
+def effects(result: LoggedCredit) -> Picture | None:
+    """A dot and an interval for each action: in total, and per unit; hollow ones are what other models say."""
+    frame = result.effects
+    if not len(frame):
+        return None
+    own = colours(result.models)
+    main = frame[frame["model"] == result.models[-1]]
+    size = main["total"].abs().fillna(-1.0)
+    main = main.loc[size.sort_values(ascending=False, kind="stable").index].head(MOST)
+    others = [(name, frame[frame["model"] == name].loc[:, :]) for name in result.models[:-1]]
+    lines = main.to_dict("records")
+    places = {(line["action"], line["level"]): len(lines) - 1 - at for at, line in enumerate(lines)}
+    titles = {"total": "in total", "per_unit": "per unit"}
+
+    def draw(width: float) -> Figure:
+        beside = width == WIDE
+        height = (0.55 + ROW * len(lines)) * (1 if beside else 2) + (0 if beside else 0.2)
+        figure, panels = look.figure(width, height, 2, beside, sharey=beside)
+        for panel, (key, title) in zip(panels, titles.items(), strict=True):
+            for name, other in others:
+                _dots(panel, other.to_dict("records"), places, key, own[name], hollow=True)
+            _dots(panel, lines, places, key, own[result.models[-1]])
+            _rows(panel, [named(line, 28 if beside else 18) for line in lines][::-1], title)
+        return figure
+
+    said = "; ".join(f"{named(line)} {number(line['total'])}" for line in lines if line["told"])
+    return look.drawn(
+        "effects", f"What actions were worth in total, with intervals: {said or 'none is told'}", draw, own
+    )
+
+
+def _dots(
+    panel: Axes,
+    lines: Sequence[dict[Any, Any]],
+    places: dict[Any, int],
+    key: str,
+    colour: str,
+    hollow: bool = False,
+) -> None:
+    """A dot with its interval at the place of each line; what has no number says so."""
+    for line in lines:
+        place = places.get((line["action"], line["level"]))
+        value, low, high = (float(line[f"{key}{end}"]) for end in ("", "_low", "_high"))
+        if place is None:
+            continue
+        if not np.isfinite(value):
+            if not hollow:
+                words = "not told apart" if not line["told"] and line["rows"] else "never moved"
+                where = panel.get_yaxis_transform()
+                panel.text(0.02, place, words, transform=where, color=QUIET, va="center", style="italic", fontsize=7.5)
+            continue
+        if hollow:
+            panel.plot(value, place + 0.22, "o", ms=3.6, mfc="none", mec=colour, mew=1)
+            continue
+        if np.isfinite(low):
+            panel.plot([low, high], [place, place], color=colour, lw=2, solid_capstyle="butt")
+        panel.plot(value, place, "o", ms=5.5, color=colour)
+
+
+def _rows(panel: Axes, names: Sequence[str], title: str) -> None:
+    """A line a name, and where zero is."""
+    look.plain(panel, across=True)
+    panel.axvline(0, color=QUIET, lw=0.8, zorder=0.5)
+    panel.set_yticks(range(len(names)), names)
+    panel.tick_params(axis="y", labelcolor=INK)
+    panel.set_ylim(-0.6, len(names) - 0.4)
+    panel.set_title(title)
+    _values(panel.xaxis, 4)
+
+
+def _values(axis: Any, many: int) -> None:
+    from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+    axis.set_major_locator(MaxNLocator(many))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: number(value)))
+
+
+def _times(panel: Axes, when: Sequence[str], wide: bool) -> None:
+    """A few of the times, in words, without their hour where all have the same."""
+    many = min(len(when), 5 if wide else 3)
+    at = np.unique(np.linspace(0, len(when) - 1, many).round().astype(int))
+    panel.set_xticks(at, [short(when[one], 16) for one in at])
+    labels = panel.get_xticklabels()
+    if len(labels) > 1:
+        labels[0].set_horizontalalignment("left")
+        labels[-1].set_horizontalalignment("right")
+    panel.margins(x=0)
+    _values(panel.yaxis, 4)
+    look.plain(panel)
+
+
+def prediction(result: LoggedCredit, data: Gathered) -> Picture | None:
+    """Labels over time, and what fits predict that had not seen them."""
+    if not np.isfinite(data.held_out[-1]).any():
+        return None
+    own = colours(result.models)[result.models[-1]]
+    label = short(result.found.panel.roles.label)
+
+    def draw(width: float) -> Figure:
+        figure, (panel,) = look.figure(width, 2.3)
+        at = np.arange(len(data.when))
+        mark = {"marker": "o", "ms": 2.5} if len(at) < 40 else {}
+        panel.plot(at, data.label, color=INK, lw=1.1, **mark)
+        panel.plot(at, data.held_out[-1], color=own, lw=1.6, **mark)
+        _times(panel, data.when, width == WIDE)
+        return figure
+
+    says = f"{label} over time, and what was predicted of it by fits that had not seen it"
+    return look.drawn("prediction", says, draw, {label: INK, "predicted, unseen": own})
+
+
+def over_time(result: LoggedCredit, data: Gathered) -> Picture:
+    """Expected credit of a row over time with its interval, and what actions brought of it."""
+    own = colours(result.models)[result.models[-1]]
+    lines = _largest(result, data)
+    palette = dict(zip(lines, (REFERENCE, UNSURE, *OTHERS), strict=False))
+
+    def draw(width: float) -> Figure:
+        figure, panels = look.figure(width, 2.2 + (2.2 if lines else 0), 2 if lines else 1, sharex=True)
+        at = np.arange(len(data.when))
+        mark = {"marker": "o", "ms": 2.5} if len(at) < 40 else {}
+        if np.isfinite(data.low).any():
+            panels[0].fill_between(at, data.low, data.high, color=own, alpha=0.25, lw=0)
+        panels[0].plot(at, data.credit, color=own, **mark)
+        panels[0].set_title("all of a row’s credit")
+        for name, values in lines.items():
+            panels[-1].plot(at, values, color=palette[name], lw=1.3, **mark)
+        if lines:
+            panels[-1].set_title("of which by action")
+        for panel in panels:
+            _times(panel, data.when, width == WIDE)
+        return figure
+
+    says = "Expected credit of a row over time" + (f", and of it by action: {', '.join(lines)}" if lines else "")
+    return look.drawn("time", says, draw, palette)
+
+
+def _largest(result: LoggedCredit, data: Gathered) -> dict[str, np.ndarray]:
+    """Of the largest actions, what a row's credit has of each, over time; the rest of them together."""
+    frame = result.effects_over_time
+    if not len(frame):
+        return {}
+    totals = frame.groupby("action", sort=False)["effect"].agg(lambda one: one.abs().sum())
+    largest = list(totals.sort_values(ascending=False, kind="stable").index)
+    by_action: pd.DataFrame = frame.pivot_table(index="period", columns="action", values="effect", aggfunc="sum")
+    found = {short(name): by_action[name].to_numpy() / data.rows for name in largest[:LINES]}
+    if rest := largest[LINES:]:
+        found[f"{len(rest)} more"] = by_action[rest].sum(axis=1).to_numpy() / data.rows
+    return found
+
+
+def disagreement(data: Gathered) -> Picture:
+    """By how much models differ on a row, over time."""
+
+    def draw(width: float) -> Figure:
+        figure, (panel,) = look.figure(width, 1.8)
+        at = np.arange(len(data.when))
+        panel.fill_between(at, 0, data.disagreement, color=UNSURE, alpha=0.2, lw=0)
+        panel.plot(at, data.disagreement, color=UNSURE, marker="o" if len(at) < 40 else "", ms=2.5)
+        panel.set_ylim(bottom=0)
+        _times(panel, data.when, width == WIDE)
+        return figure
+
+    return look.drawn("disagreement", "By how much models differ on a row, over time", draw)
+
+
+def where(groups: Sequence[Share], actions: Sequence[Share]) -> Picture | None:
+    """By how much models differ on a row, in the groups and under the actions where they differ most."""
+    shown = [
+        (title, sorted(shares, key=lambda one: -one.disagreement)[:BARS])
+        for title, shares in (("by group", groups), ("by what was done", actions))
+        if len(shares) > 1
+    ]
+    if not shown:
+        return None
+
+    def draw(width: float) -> Figure:
+        beside = width == WIDE
+        sizes = [0.45 + ROW * len(shares) for _, shares in shown]
+        height = max(sizes) if beside else sum(sizes) + 0.2
+        figure, panels = look.figure(width, height, len(shown), beside, **({} if beside else {"height_ratios": sizes}))
+        for panel, (title, shares) in zip(panels, shown, strict=True):
+            names = [short(one.name, 24 if beside else 20) for one in shares][::-1]
+            panel.barh(range(len(names)), [one.disagreement for one in shares][::-1], color=UNSURE, height=0.55)
+            _rows(panel, names, title)
+            panel.set_xlim(left=0)
+        return figure
+
+    said = "; ".join(f"{title}: {short(shares[0].name)} most" for title, shares in shown)
+    return look.drawn("where", f"Where models differ most, {said}", draw)
