@@ -128,4 +128,5 @@ def bins(series: pd.Series, column: Column) -> list[tuple[str, np.ndarray]]:
     which = np.searchsorted(edges, values, side="left")
     low = [column.least, *edges]
     high = [*edges, column.most]
-    return [(f"{low[at]:.4g} to {high[at]:.4g}", which == at) for at in range(len(edges) + 1)]
+    names = [f"{a:.4g}" if a == b else f"{a:.4g} to {b:.4g}" for a, b in zip(low, high, strict=True)]
+    return [(name, which == at) for at, name in enumerate(names)]

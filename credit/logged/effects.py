@@ -60,7 +60,8 @@ def effects(found: Recovered, every: list[Sums]) -> pd.DataFrame:
         line for sums in every for level, total in sums.levels.items() for line in _lines(found, sums, level, total)
     ]
     plain = ["action", "level", "baseline", "model", "rows", *_columns("effect", "total", "per_unit"), "told", "note"]
-    return pd.DataFrame(lines) if lines else pd.DataFrame(columns=plain)
+    frame = pd.DataFrame(lines) if lines else pd.DataFrame(columns=plain)
+    return frame.assign(level=pd.Series([line["level"] for line in lines], dtype=object))  # None stays None
 
 
 def over_time(found: Recovered, every: list[Sums]) -> pd.DataFrame:
@@ -76,7 +77,7 @@ def over_time(found: Recovered, every: list[Sums]) -> pd.DataFrame:
             rows, reference, sampled, beyond = total.times
             effect = reference + beyond * rows / np.maximum(sampled, 1)
             one = {"action": sums.column.name, "level": level, "period": np.arange(len(rows)), "effect": effect}
-            lines.append(pd.DataFrame(one))
+            lines.append(pd.DataFrame(one).astype({"level": object}))
     return pd.concat(lines[1:], ignore_index=True) if lines[1:] else lines[0]
 
 

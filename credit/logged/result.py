@@ -146,7 +146,8 @@ class LoggedCredit:
             error = half / found.units.quantile(found.options.level)
             value = claims.robustness_value(line["effect"] / error, freedom) if error > 0 else np.nan
             lines.append({"action": line["action"], "level": line["level"], "robustness": value})
-        return pd.DataFrame(lines, columns=["action", "level", "robustness"])
+        frame = pd.DataFrame(lines, columns=["action", "level", "robustness"])
+        return frame.assign(level=pd.Series([line["level"] for line in lines], dtype=object))  # None stays None
 
     @cached_property
     def policies(self) -> Logged | None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from credit.logged.panel import MIXTURE as TOGETHER
 from credit.logged.report import look
-from credit.logged.report.gathered import Gathered, Share
+from credit.logged.report.gathered import Gathered
 from credit.logged.report.look import INK, MIXTURE, OTHERS, QUIET, REFERENCE, UNSURE, WIDE, Picture
 from credit.logged.report.numbers import number, short
 
@@ -33,6 +33,11 @@ def colours(models: Sequence[str]) -> dict[str, str]:
     return {models[0]: REFERENCE, **others} | ({TOGETHER: MIXTURE} if TOGETHER in models else {})
 
 
+def called(model: str) -> str:
+    """A model in words, so that it is not taken for what it is called after."""
+    return model if model == TOGETHER else f"model “{short(model)}”"
+
+
 def named(line: dict[Any, Any], most: int = 40) -> str:
     """An action, or one of its categories, in few words."""
     return short(line["action"] if line["level"] is None else f"{line['action']} = {line['level']}", most)
@@ -47,7 +52,7 @@ def effects(result: LoggedCredit) -> Picture | None:
     main = frame[frame["model"] == result.models[-1]]
     size = main["total"].abs().fillna(-1.0)
     main = main.loc[size.sort_values(ascending=False, kind="stable").index].head(MOST)
-    others = [(name, frame[frame["model"] == name].loc[:, :]) for name in result.models[:-1]]
+    others = [(name, frame[frame["model"] == name]) for name in result.models[:-1]]
     lines = main.to_dict("records")
     places = {(line["action"], line["level"]): len(lines) - 1 - at for at, line in enumerate(lines)}
     titles = {"total": "in total", "per_unit": "per unit"}
@@ -61,11 +66,13 @@ def effects(result: LoggedCredit) -> Picture | None:
                 _dots(panel, other.to_dict("records"), places, key, own[name], hollow=True)
             _dots(panel, lines, places, key, own[result.models[-1]])
             _rows(panel, [named(line, 28 if beside else 18) for line in lines][::-1], title)
+            _numberless(panel, lines, places)
         return figure
 
     said = "; ".join(f"{named(line)} {number(line['total'])}" for line in lines if line["told"])
+    key = {called(name): colour for name, colour in own.items()} if others else {}
     return look.drawn(
-        "effects", f"What actions were worth in total, with intervals: {said or 'none is told'}", draw, own
+        "effects", f"What actions were worth in total, with intervals: {said or 'none is told'}", draw, key
     )
 
 
@@ -77,17 +84,11 @@ def _dots(
     colour: str,
     hollow: bool = False,
 ) -> None:
-    """A dot with its interval at the place of each line; what has no number says so."""
+    """A dot with its interval at the place of each line that has a number."""
     for line in lines:
         place = places.get((line["action"], line["level"]))
         value, low, high = (float(line[f"{key}{end}"]) for end in ("", "_low", "_high"))
-        if place is None:
-            continue
-        if not np.isfinite(value):
-            if not hollow:
-                words = "not told apart" if not line["told"] and line["rows"] else "never moved"
-                where = panel.get_yaxis_transform()
-                panel.text(0.02, place, words, transform=where, color=QUIET, va="center", style="italic", fontsize=7.5)
+        if place is None or line["note"]:
             continue
         if hollow:
             panel.plot(value, place + 0.22, "o", ms=3.6, mfc="none", mec=colour, mew=1)
@@ -95,6 +96,25 @@ def _dots(
         if np.isfinite(low):
             panel.plot([low, high], [place, place], color=colour, lw=2, solid_capstyle="butt")
         panel.plot(value, place, "o", ms=5.5, color=colour)
+
+
+def _numberless(panel: Axes, lines: Sequence[dict[Any, Any]], places: dict[Any, int]) -> None:
+    """Words in the place of a number, beside zero, where there is room."""
+    low, high = panel.get_xlim()
+    side = 1 if high > -low else -1
+    for line in lines:
+        if line["note"]:
+            panel.annotate(
+                "never moved" if line["told"] or not line["rows"] else "not told apart",
+                (0, places[line["action"], line["level"]]),
+                (6 * side, 0),
+                textcoords="offset points",
+                ha="left" if side > 0 else "right",
+                va="center",
+                color=QUIET,
+                style="italic",
+                fontsize=7.5,
+            )
 
 
 def _rows(panel: Axes, names: Sequence[str], title: str) -> None:
@@ -112,7 +132,12 @@ def _values(axis: Any, many: int) -> None:
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 
     axis.set_major_locator(MaxNLocator(many))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: number(value)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.10g}".replace("-", "−")))
+
+
+def _marks(at: np.ndarray) -> dict[str, Any]:
+    """Dots where there are few."""
+    return {"marker": "o", "ms": 2.5} if len(at) < 40 else {}
 
 
 def _times(panel: Axes, when: Sequence[str], wide: bool) -> None:
@@ -139,9 +164,8 @@ def prediction(result: LoggedCredit, data: Gathered) -> Picture | None:
     def draw(width: float) -> Figure:
         figure, (panel,) = look.figure(width, 2.3)
         at = np.arange(len(data.when))
-        mark = {"marker": "o", "ms": 2.5} if len(at) < 40 else {}
-        panel.plot(at, data.label, color=INK, lw=1.1, **mark)
-        panel.plot(at, data.held_out[-1], color=own, lw=1.6, **mark)
+        panel.plot(at, data.label, color=INK, lw=1.1, **_marks(at))
+        panel.plot(at, data.held_out[-1], color=own, lw=1.6, **_marks(at))
         _times(panel, data.when, width == WIDE)
         return figure
 
@@ -158,13 +182,12 @@ def over_time(result: LoggedCredit, data: Gathered) -> Picture:
     def draw(width: float) -> Figure:
         figure, panels = look.figure(width, 2.2 + (2.2 if lines else 0), 2 if lines else 1, sharex=True)
         at = np.arange(len(data.when))
-        mark = {"marker": "o", "ms": 2.5} if len(at) < 40 else {}
         if np.isfinite(data.low).any():
             panels[0].fill_between(at, data.low, data.high, color=own, alpha=0.25, lw=0)
-        panels[0].plot(at, data.credit, color=own, **mark)
+        panels[0].plot(at, data.credit, color=own, **_marks(at))
         panels[0].set_title("all of a row’s credit")
         for name, values in lines.items():
-            panels[-1].plot(at, values, color=palette[name], lw=1.3, **mark)
+            panels[-1].plot(at, values, color=palette[name], lw=1.3, **_marks(at))
         if lines:
             panels[-1].set_title("of which by action")
         for panel in panels:
@@ -189,27 +212,33 @@ def _largest(result: LoggedCredit, data: Gathered) -> dict[str, np.ndarray]:
     return found
 
 
-def disagreement(data: Gathered) -> Picture:
-    """By how much models differ on a row, over time."""
+def disagreement(result: LoggedCredit, data: Gathered) -> Picture:
+    """What each model says of a row over time, and how far the one that is best there may be off."""
+    own = {name: colour for name, colour in colours(result.models).items() if name != TOGETHER}
 
     def draw(width: float) -> Figure:
-        figure, (panel,) = look.figure(width, 1.8)
+        figure, (above, below) = look.figure(width, 3.6, 2, sharex=True)
         at = np.arange(len(data.when))
-        panel.fill_between(at, 0, data.disagreement, color=UNSURE, alpha=0.2, lw=0)
-        panel.plot(at, data.disagreement, color=UNSURE, marker="o" if len(at) < 40 else "", ms=2.5)
-        panel.set_ylim(bottom=0)
-        _times(panel, data.when, width == WIDE)
+        for colour, values in zip(own.values(), data.each, strict=True):
+            above.plot(at, values, color=colour, lw=1.3, **_marks(at))
+        above.set_title("a row’s credit by each model")
+        below.fill_between(at, 0, data.disagreement, color=UNSURE, alpha=0.2, lw=0)
+        below.plot(at, data.disagreement, color=UNSURE, **_marks(at))
+        below.set_ylim(bottom=0)
+        below.set_title("disagreement")
+        for panel in (above, below):
+            _times(panel, data.when, width == WIDE)
         return figure
 
-    return look.drawn("disagreement", "By how much models differ on a row, over time", draw)
+    key = {called(name): colour for name, colour in own.items()}
+    return look.drawn("disagreement", "A row’s credit by each model, and disagreement, over time", draw, key)
 
 
-def where(groups: Sequence[Share], actions: Sequence[Share]) -> Picture | None:
-    """By how much models differ on a row, in the groups and under the actions where they differ most."""
+def where(result: LoggedCredit, data: Gathered) -> Picture | None:
+    """Disagreement in the groups and under the actions where there is most of it."""
+    by = (f"by {short(result.found.panel.roles.group)}", data.groups), ("by what was done", data.actions)
     shown = [
-        (title, sorted(shares, key=lambda one: -one.disagreement)[:BARS])
-        for title, shares in (("by group", groups), ("by what was done", actions))
-        if len(shares) > 1
+        (title, sorted(shares, key=lambda one: -one.disagreement)[:BARS]) for title, shares in by if len(shares) > 1
     ]
     if not shown:
         return None
@@ -226,5 +255,5 @@ def where(groups: Sequence[Share], actions: Sequence[Share]) -> Picture | None:
             panel.set_xlim(left=0)
         return figure
 
-    said = "; ".join(f"{title}: {short(shares[0].name)} most" for title, shares in shown)
-    return look.drawn("where", f"Where models differ most, {said}", draw)
+    said = "; ".join(f"{title}: {short(shares[0].name)}" for title, shares in shown)
+    return look.drawn("where", f"Where disagreement is largest, {said}", draw)

@@ -163,8 +163,8 @@ def _top(result: LoggedCredit, starts: Ints) -> pd.DataFrame:
             **(groups if panel.roles.group else {}),
             panel.roles.window: panel.windows.id[window],
             "row": rows.number[top],
-            **{f"by {name}": rows.each[m, top] for m, name in enumerate(result.found.names)},
-            "credit": rows.credit[top],
+            **{f"by model “{name}”": rows.each[m, top] for m, name in enumerate(result.found.names)},
+            "mixture": rows.credit[top],
             "disagreement": rows.disagreement[top],
         }
     )

@@ -17,19 +17,21 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def interval(value: float, low: float, high: float) -> tuple[str, str]:
-    """A number and its interval, "4.44" and "4.40 to 4.48": with two digits of half the interval's width; the second
-    is empty where there is none."""
+    """A number and its interval, "4.44" and "4.40 to 4.48": with two digits of half the interval's width, and five at
+    most; the second is empty where there is none."""
     half = (high - low) / 2
     if not (math.isfinite(value) and math.isfinite(half)) or half <= 0:
         return number(value, 4), ""
-    places = 1 - math.floor(math.log10(half))
+    places = min(1 - math.floor(math.log10(half)), 4 - math.floor(math.log10(max(abs(low), abs(high)))))
     return _fixed(value, places), f"{_fixed(low, places)} to {_fixed(high, places)}"
 
 
 def percent(share: float) -> str:
-    """A share as percent, with a digit behind the point only below one."""
+    """A share as percent, with a digit behind the point where it is next to nothing, or to all, and not quite."""
     if not math.isfinite(share):
         return NONE
+    if 0.99 < abs(share) < 1:
+        return _fixed(math.copysign(min(abs(100 * share), 99.9), share), 1) + "%"
     return _fixed(100 * share, 0 if abs(share) >= 0.00995 or share == 0 else 1) + "%"
 
 

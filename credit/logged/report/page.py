@@ -14,6 +14,7 @@ from credit.logged.report.numbers import number, percent, short
 if TYPE_CHECKING:
     from credit.logged.result import LoggedCredit
 
+RELATIONS = 3  # that are not folded
 HERE = Path(__file__).parent
 
 
@@ -45,7 +46,7 @@ def _filled(result: LoggedCredit) -> dict[str, Any]:
         "worth": sentences.worth(result),
         "sure": list(sentences.sure(result)),
         "causes": list(sentences.causes(result)),
-        "missing": list(sentences.missing(result)),
+        "warned": list(sentences.warned(result)),
         "predicts": list(sentences.predicts(result)),
         "differ": list(sentences.differ(result)),
         "bits": found.bits,
@@ -54,12 +55,13 @@ def _filled(result: LoggedCredit) -> dict[str, Any]:
         "effects": figures.effects(result),
         "effects_left": max(count - figures.MOST, 0),
         "effects_table": tables.effects(result),
-        "relations": [(short(one.text, 300), short(one.remedy, 400)) for one in found.telling.relations[: tables.MOST]],
+        "relations": list(sentences.untold(result))[: tables.MOST],
+        "relations_shown": RELATIONS,
         "weak": _weak(result),
         "prediction": figures.prediction(result, data),
         "scores": tables.scores(result),
-        "disagreement": figures.disagreement(data) if several else None,
-        "where": figures.where(data.groups, data.actions) if several else None,
+        "disagreement": figures.disagreement(result, data) if several else None,
+        "where": figures.where(result, data) if several else None,
         "by_group": tables.shares(data.groups, short(found.panel.roles.group)) if several else None,
         "by_action": tables.shares(data.actions, "what was done") if several else None,
         "top": tables.top(data) if several else None,
@@ -77,14 +79,21 @@ def _tiles(result: LoggedCredit) -> list[tuple[str, str]]:
     """A few numbers at the top, each with what it is."""
     found = result.found
     alike = result.r_squared[result.models[-1]][0]
+    known = alike == alike
     lines = sentences.main_effects(result)
     told = sum(bool(line["told"]) for line in lines)
-    units = f"{percent(found.options.level)} intervals, by {len(found.units)} parts" if found.units.enough else ""
+    less = "less" if alike >= 0 else "more"
     return [
-        (number(alike), "R² of windows not seen, against all rows alike"),
+        *(
+            [(percent(abs(alike)), f"{less} squared error in windows not seen than if all rows were alike")]
+            if known
+            else []
+        ),
         (f"{found.panel.rows:,}", f"rows in {len(found.panel.windows):,} windows"),
         *([(f"{told} of {len(lines)}", "actions that the windows tell")] if lines else []),
-        (str(found.options.draws), units) if units else ("none", "no intervals: too few independent parts"),
+        (percent(found.options.level), f"intervals, from {len(found.units)} independent parts")
+        if found.units.enough
+        else ("no", f"intervals: {len(found.units)} independent parts are too few"),
     ]
 
 

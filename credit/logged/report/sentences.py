@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from credit.logged.panel import MIXTURE
-from credit.logged.report.figures import named
+from credit.logged.panel import INTERCEPT, MIXTURE
+from credit.logged.report.figures import called, named
 from credit.logged.report.gathered import Gathered
 from credit.logged.report.numbers import interval, number, percent, short
 
@@ -26,7 +27,7 @@ LABEL = {
 
 def listed(words: Sequence[str], most: int = NAMED) -> str:
     """Words with commas between them, and how many more there are."""
-    shown = [short(word) for word in words[:most]]
+    shown = [short(word, 300) for word in words[:most]]
     if len(words) > most:
         shown.append(f"{len(words) - most} more")
     return " and ".join([", ".join(shown[:-1]), shown[-1]] if len(shown) > 1 else shown)
@@ -44,7 +45,7 @@ def what(result: LoggedCredit, data: Gathered) -> str:
     panel = result.found.panel
     roles, windows = panel.roles, panel.windows
     groups = f" of {len(windows.groups):,} series ({short(roles.group)})" if roles.group else ""
-    span = f", from {short(data.when[0])} on" if roles.time else ""
+    span = f", from {short(roles.time)} {_whole_date(data.when[0])} on" if roles.time else ""
     labelled = int(windows.labelled.sum())
     known = "Of each window" if labelled == len(windows) else f"Of {labelled:,} of these windows"
     return (
@@ -54,12 +55,17 @@ def what(result: LoggedCredit, data: Gathered) -> str:
     )
 
 
+def _whole_date(words: str) -> str:
+    """A time that no line breaks."""
+    return short(words).replace("-", "\u2011")
+
+
 def worth(result: LoggedCredit) -> str:
     """The largest effects in a sentence; a word on those that may be nothing."""
     lines = main_effects(result)
     if not lines:
         return "No column was named as an action, so that nothing is said of what actions were worth."
-    told = [line for line in lines if line["total"] == line["total"] and line["rows"]]
+    told = [line for line in lines if not line["note"]]
     sure = [line for line in told if _sure(line)]
     found = []
     shown = (sure or told)[:3]
@@ -70,6 +76,8 @@ def worth(result: LoggedCredit) -> str:
         found.append(f"Of {listed(none)} it cannot be said whether it brought anything: the interval holds 0.")
     if untold := [named(line) for line in lines if not line["told"] and line["rows"]]:
         found.append(f"Of {listed(untold)} these windows tell nothing, and no number is given.")
+    if shown and set(result.found.panel.roles.actions) - set(result.found.panel.roles.randomised):
+        found.append("Such numbers say what goes with an action, not what it causes.")
     return " ".join(found)
 
 
@@ -78,10 +86,17 @@ def _sure(line: dict[Any, Any]) -> bool:
 
 
 def _total(result: LoggedCredit, line: dict[Any, Any]) -> str:
-    value, between = interval(line["total"], line["total_low"], line["total_high"])
+    key, unit = {"sum": ("total", ""), "binary": ("per_unit", " log-odds a unit")}.get(
+        result.found.panel.roles.label_is, ("effect", " in an average row")
+    )
+    value, between = interval(*(line[f"{key}{end}"] for end in ("", "_low", "_high")))
     whole = _whole(result)
-    share = f", {percent(line['total'] / whole)} of all" if 0 < line["total"] <= whole else ""
-    return f"{value}{f', interval {between}' if between else ''}{share}"
+    share = (
+        f", {percent(line['total'] / whole)} of all {short(result.found.panel.roles.label)}"
+        if 0 < line["total"] <= whole
+        else ""
+    )
+    return f"{value}{unit}{f', interval {between}' if between else ''}{share}"
 
 
 def _whole(result: LoggedCredit) -> float:
@@ -99,14 +114,12 @@ def predicts(result: LoggedCredit) -> Iterator[str]:
         yield "There are too few windows to hold some out: it is not known how well credit predicts."
         return
     yield (
-        f"{len(found.folds.of)} stretches of time were left out, one after the other, with the windows around them, "
-        "and predicted from the rest."
+        f"To find out, {len(found.folds.of)} stretches of time were left out, one after the other, with the windows "
+        "around them, and predicted from the rest."
     )
     yield f"Against the guess that all rows are alike, {_smaller(alike)}."
     if np.isfinite(last):
         yield f"Against the guess that a row is worth what it was in the last window, {_smaller(last)}."
-    if max(alike, 0) <= 0:
-        yield "That is no better than a guess: what is said above of actions is not borne out by windows not seen."
 
 
 def _smaller(score: float) -> str:
@@ -121,7 +134,7 @@ def sure(result: LoggedCredit) -> Iterator[str]:
     if units.enough:
         yield (
             f"Intervals are {level} intervals: the recovery was done again {found.options.draws} times, with "
-            f"{len(units)} independent parts of the table weighed anew ({units.said})."
+            f"{len(units)} independent parts of the table weighed anew. {_sentence(units.said)}"
         )
         yield (
             "The interval of a row is one for its expected credit. What really happened in a single row may lie "
@@ -129,10 +142,13 @@ def sure(result: LoggedCredit) -> Iterator[str]:
         )
     else:
         yield (
-            f"There are no intervals: the table has {len(units)} independent part{'s' * (len(units) != 1)}, and with "
-            f"fewer than ten an interval says more than is known ({units.said}). More windows, or more series, would "
-            "give some."
+            "There are no intervals: with fewer than ten independent parts of the table they would say more than is "
+            f"known. {_sentence(units.said)} More windows, or more series, would give some."
         )
+
+
+def _sentence(words: str) -> str:
+    return f"{words[:1].upper()}{words[1:]}."
 
 
 def causes(result: LoggedCredit) -> Iterator[str]:
@@ -144,30 +160,37 @@ def causes(result: LoggedCredit) -> Iterator[str]:
     if loose:
         yield (
             f"Numbers of {listed(loose)} are associations: they say what goes with the action, not what it causes. "
-            "Whoever chose it may have done so when things were good anyway. Intervals are not valid where it was "
-            "chosen by what had been seen before."
+            "It may have been chosen when things were good anyway. Intervals are not valid where it was chosen by what "
+            "had been seen before."
         )
     if roles.randomised:
-        yield f"{listed(roles.randomised)} is said to be drawn at random, so that its numbers may be read as effects."
-    yield from _placebo(result)
+        yield (
+            f"It was said that {listed(roles.randomised)} was drawn at random: numbers of it may be read as effects."
+        )
+    frame = result.placebo
+    if len(frame) and result.found.units.enough and not _guilty(result):
+        yield (
+            f"A check that could have failed did not: the next window’s amount of {listed(list(frame['action']))} does "
+            "not “explain” this window’s label."
+        )
     yield from _robustness(result)
 
 
-def _placebo(result: LoggedCredit) -> Iterator[str]:
-    frame = result.placebo
-    if not len(frame) or not result.found.units.enough:
-        return
-    guilty = [str(name) for name in frame.loc[frame["explains"].astype(bool), "action"]]
-    if guilty:
+def warned(result: LoggedCredit) -> Iterator[str]:
+    """What stands against the numbers of this recovery."""
+    if guilty := _guilty(result):
         yield (
-            f"Warning: the next window’s {listed(guilty)} “explains” this window’s label, which it cannot cause. "
-            "Something else moves both, and the number above has some of it."
+            f"The next window’s amount of {listed(guilty)} “explains” this window’s label, which it cannot cause. "
+            "Something else moves both, so that the number above is not to be trusted."
         )
-    else:
-        yield (
-            f"A check that could have failed did not: the next window’s {listed(list(frame['action']))} does not "
-            "“explain” this window’s label."
-        )
+    if 0 >= result.r_squared[result.models[-1]][0]:
+        yield "Windows not seen are predicted no better than by a guess, which speaks against all numbers here."
+    yield from _missing(result)
+
+
+def _guilty(result: LoggedCredit) -> list[str]:
+    """Actions whose next amount "explains" a label."""
+    return [str(name) for name in result.placebo.loc[result.placebo["explains"].astype(bool), "action"]]
 
 
 def _robustness(result: LoggedCredit) -> Iterator[str]:
@@ -183,7 +206,7 @@ def _robustness(result: LoggedCredit) -> Iterator[str]:
     yield f"{words}; for {named(weak)}, {percent(weak['robustness'])} is enough." if len(lines) > 1 else f"{words}."
 
 
-def missing(result: LoggedCredit) -> Iterator[str]:
+def _missing(result: LoggedCredit) -> Iterator[str]:
     """Where labels are missing more often, or less, than elsewhere."""
     frame = result.labelled
     differs = frame[frame["differs"].astype(bool)]
@@ -195,6 +218,14 @@ def missing(result: LoggedCredit) -> Iterator[str]:
     ]
     more = f", and {len(differs) - NAMED} more" if len(differs) > NAMED else ""
     yield f"Labels are no fair sample of all windows. The share that has one differs where: {'; '.join(parts)}{more}."
+
+
+def untold(result: LoggedCredit) -> Iterator[tuple[str, str]]:
+    """What no label tells apart, and what would: columns of a design by the names of what they were made of."""
+    rows = "1" if result.found.panel.roles.label_is in ("mean", "last") else "the number of rows"
+    for one in result.found.telling.relations:
+        text = re.sub(r"\[T\.([^]]*)\]", r": \1", one.text)
+        yield short(re.sub(rf"\b{INTERCEPT}\b", rows, text), 300), short(one.remedy, 400)
 
 
 def differ(result: LoggedCredit) -> Iterator[str]:
@@ -209,8 +240,13 @@ def differ(result: LoggedCredit) -> Iterator[str]:
         f"{len(result.models) - 1} models were fitted. In each row they are mixed by how far each is likely to be off "
         "there, and where they differ the row’s credit depends on what one believes."
     )
-    low, high = (float(np.quantile(result.rows.disagreement, share)) for share in (0.5, 0.99))
+    reference, *others = result.found.names
+    gaps = [
+        f"{number(float(np.abs(one - result.rows.each[0]).mean()))} ({called(name)})"
+        for name, one in zip(others, result.rows.each[1:], strict=True)
+    ]
     yield (
-        f"In half of the rows they differ by {number(low)} or less, in one of a hundred by more than {number(high)}; "
-        f"a row’s credit is {number(float(result.rows.credit.mean()))} on average."
+        f"A row’s credit is {number(float(result.rows.credit.mean()))} on average. From what {called(reference)} says "
+        f"of a row, the others are so far away on average: {listed(gaps)}. Disagreement, below, is how far the model "
+        "that is best in a row may be off: its own spread, or its distance from the reference."
     )

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from credit.logged.report.figures import named
+from credit.logged.report.figures import called, named
 from credit.logged.report.gathered import Gathered, Share
 from credit.logged.report.numbers import interval, number, percent, short
 from credit.logged.report.sentences import main_effects
@@ -41,7 +41,10 @@ class Table:
 
 def table(head: Sequence[str], lines: Iterable[Sequence[str | Cell]], file: str, most: int = MOST) -> Table:
     """A table whose columns stand as the cells of their first line do."""
-    rows = [tuple(one if isinstance(one, Cell) else Cell(short(one, LONGEST)) for one in line) for line in lines]
+    rows = [
+        tuple(one if isinstance(one, Cell) else Cell(short(one, LONGEST) if one else "") for one in line)
+        for line in lines
+    ]
     right = [cell.right for cell in rows[0]] if rows else [False] * len(head)
     left = f"{len(rows) - most:,} more lines are in {file}." if len(rows) > most else ""
     return Table(tuple(Cell(name, "", at) for name, at in zip(head, right, strict=True)), tuple(rows[:most]), left)
@@ -65,16 +68,16 @@ def effects(result: LoggedCredit) -> Table:
         (line["action"], line["level"], line["model"]): line["total"] for line in result.effects.to_dict("records")
     }
     keys = ["total", "per_unit", *(["per_cost"] if costly else [])]
-    head = ["action", "counted from", "in total", "per unit", *(["per cost"] if costly else [])]
-    head += [f"total by {short(name)}" for name in single] + ["note"]
+    head = ["action", "baseline", "in total", "per unit", *(["per cost"] if costly else [])]
+    head += [f"in total by {called(name)}" for name in single] + ["note"]
     lines = []
     for line in main_effects(result):
         values = [between(*(float(line[f"{key}{end}"]) for end in ("", "_low", "_high"))) for key in keys]
-        by = [count(others[line["action"], line["level"], name]) for name in single]
+        by = [count(others[line["action"], line["level"], name], 4) for name in single]
         base = line["baseline"]
         words = number(base) if isinstance(base, float) else short(base)
-        lines.append([named(line, LONGEST), words, *values, *by, short(line["note"], LONGEST)])
-    if not any(line[-1] for line in lines if line[-1] != "(empty)"):
+        lines.append([named(line, LONGEST), words, *values, *by, line["note"]])
+    if not any(line[-1] for line in lines):
         head, lines = head[:-1], [line[:-1] for line in lines]
     return table(head, lines, "effects.csv")
 
@@ -93,7 +96,7 @@ def shares(some: Sequence[Share], what: str) -> Table:
     """Groups, or what was done: rows, credit, and by how much models differ, where they do most first."""
     ordered = sorted(some, key=lambda one: -one.disagreement)
     lines = [[one.name, count(one.rows, 9), count(one.credit), count(one.disagreement)] for one in ordered]
-    return table([what, "rows", "credit of a row", "models differ by"], lines, "steps", 100)
+    return table([what, "rows", "credit of a row", "disagreement"], lines, "steps", 100)
 
 
 def top(data: Gathered) -> Table:
