@@ -153,7 +153,7 @@ def added_up(found: Recovered) -> list[Sums]:
 
 def _by(period: Ints, values: Floats, count: int) -> Floats:
     """Σ of values [n] in each period [P]."""
-    return np.bincount(period, weights=values, minlength=count)
+    return np.bincount(period, weights=values, minlength=count).astype(np.float64)
 
 
 def _told(found: Recovered, total: _Sum) -> bool:

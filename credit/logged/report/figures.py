@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from credit.logged.panel import MIXTURE as TOGETHER
+from credit.logged.panel import MIXTURE
 from credit.logged.report import look
 from credit.logged.report.gathered import Gathered
-from credit.logged.report.look import INK, MIXTURE, OTHERS, QUIET, REFERENCE, UNSURE, WIDE, Picture
+from credit.logged.report.look import INK, OTHERS, QUIET, REFERENCE, UNSURE, WIDE, Picture
+from credit.logged.report.names import called, named
 from credit.logged.report.numbers import number, short
 
 if TYPE_CHECKING:
@@ -26,29 +27,12 @@ BARS = 10
 ROW = 0.26  # inches
 
 
-def colours(models: Sequence[str]) -> dict[str, str]:
-    """A colour for each model and the mixture."""
-    surrogates = [name for name in models[1:] if name != TOGETHER]
-    others = {name: OTHERS[number % len(OTHERS)] for number, name in enumerate(surrogates)}
-    return {models[0]: REFERENCE, **others} | ({TOGETHER: MIXTURE} if TOGETHER in models else {})
-
-
-def called(model: str) -> str:
-    """A model in words, so that it is not taken for what it is called after."""
-    return model if model == TOGETHER else f"model “{short(model)}”"
-
-
-def named(line: dict[Any, Any], most: int = 40) -> str:
-    """An action, or one of its categories, in few words."""
-    return short(line["action"] if line["level"] is None else f"{line['action']} = {line['level']}", most)
-
-
 def effects(result: LoggedCredit) -> Picture | None:
     """A dot and an interval for each action: in total, and per unit; hollow ones are what other models say."""
     frame = result.effects
     if not len(frame):
         return None
-    own = colours(result.models)
+    own = look.colours(result.models)
     main = frame[frame["model"] == result.models[-1]]
     size = main["total"].abs().fillna(-1.0)
     main = main.loc[size.sort_values(ascending=False, kind="stable").index].head(MOST)
@@ -70,7 +54,7 @@ def effects(result: LoggedCredit) -> Picture | None:
         return figure
 
     said = "; ".join(f"{named(line)} {number(line['total'])}" for line in lines if line["told"])
-    key = {called(name): colour for name, colour in own.items()} if others else {}
+    key = [(called(name), colour) for name, colour in own.items()] if others else []
     return look.drawn(
         "effects", f"What actions were worth in total, with intervals: {said or 'none is told'}", draw, key
     )
@@ -158,7 +142,7 @@ def prediction(result: LoggedCredit, data: Gathered) -> Picture | None:
     """Labels over time, and what fits predict that had not seen them."""
     if not np.isfinite(data.held_out[-1]).any():
         return None
-    own = colours(result.models)[result.models[-1]]
+    own = look.colours(result.models)[result.models[-1]]
     label = short(result.found.panel.roles.label)
 
     def draw(width: float) -> Figure:
@@ -170,14 +154,14 @@ def prediction(result: LoggedCredit, data: Gathered) -> Picture | None:
         return figure
 
     says = f"{label} over time, and what was predicted of it by fits that had not seen it"
-    return look.drawn("prediction", says, draw, {label: INK, "predicted, unseen": own})
+    return look.drawn("prediction", says, draw, [(label, INK), ("predicted, unseen", own)])
 
 
 def over_time(result: LoggedCredit, data: Gathered) -> Picture:
     """Expected credit of a row over time with its interval, and what actions brought of it."""
-    own = colours(result.models)[result.models[-1]]
+    own = look.colours(result.models)[result.models[-1]]
     lines = _largest(result, data)
-    palette = dict(zip(lines, (REFERENCE, UNSURE, *OTHERS), strict=False))
+    palette = (REFERENCE, UNSURE, *OTHERS)
 
     def draw(width: float) -> Figure:
         figure, panels = look.figure(width, 2.2 + (2.2 if lines else 0), 2 if lines else 1, sharex=True)
@@ -186,35 +170,37 @@ def over_time(result: LoggedCredit, data: Gathered) -> Picture:
             panels[0].fill_between(at, data.low, data.high, color=own, alpha=0.25, lw=0)
         panels[0].plot(at, data.credit, color=own, **_marks(at))
         panels[0].set_title("all of a row’s credit")
-        for name, values in lines.items():
-            panels[-1].plot(at, values, color=palette[name], lw=1.3, **_marks(at))
+        for (_, values), colour in zip(lines, palette, strict=False):
+            panels[-1].plot(at, values, color=colour, lw=1.3, **_marks(at))
         if lines:
             panels[-1].set_title("of which by action")
         for panel in panels:
             _times(panel, data.when, width == WIDE)
         return figure
 
-    says = "Expected credit of a row over time" + (f", and of it by action: {', '.join(lines)}" if lines else "")
-    return look.drawn("time", says, draw, palette)
+    says = "Expected credit of a row over time" + (
+        f", and of it by action: {', '.join(name for name, _ in lines)}" if lines else ""
+    )
+    return look.drawn("time", says, draw, [(name, colour) for (name, _), colour in zip(lines, palette, strict=False)])
 
 
-def _largest(result: LoggedCredit, data: Gathered) -> dict[str, np.ndarray]:
+def _largest(result: LoggedCredit, data: Gathered) -> list[tuple[str, np.ndarray]]:
     """Of the largest actions, what a row's credit has of each, over time; the rest of them together."""
     frame = result.effects_over_time
     if not len(frame):
-        return {}
+        return []
     totals = frame.groupby("action", sort=False)["effect"].agg(lambda one: one.abs().sum())
     largest = list(totals.sort_values(ascending=False, kind="stable").index)
     by_action: pd.DataFrame = frame.pivot_table(index="period", columns="action", values="effect", aggfunc="sum")
-    found = {short(name): by_action[name].to_numpy() / data.rows for name in largest[:LINES]}
+    found = [(short(name), by_action[name].to_numpy() / data.rows) for name in largest[:LINES]]
     if rest := largest[LINES:]:
-        found[f"{len(rest)} more"] = by_action[rest].sum(axis=1).to_numpy() / data.rows
+        found.append((f"{len(rest)} more", by_action[rest].sum(axis=1).to_numpy() / data.rows))
     return found
 
 
 def disagreement(result: LoggedCredit, data: Gathered) -> Picture:
     """What each model says of a row over time, and how far the one that is best there may be off."""
-    own = {name: colour for name, colour in colours(result.models).items() if name != TOGETHER}
+    own = {name: colour for name, colour in look.colours(result.models).items() if name != MIXTURE}
 
     def draw(width: float) -> Figure:
         figure, (above, below) = look.figure(width, 3.6, 2, sharex=True)
@@ -230,7 +216,7 @@ def disagreement(result: LoggedCredit, data: Gathered) -> Picture:
             _times(panel, data.when, width == WIDE)
         return figure
 
-    key = {called(name): colour for name, colour in own.items()}
+    key = [(called(name), colour) for name, colour in own.items()]
     return look.drawn("disagreement", "A row’s credit by each model, and disagreement, over time", draw, key)
 
 

@@ -67,7 +67,7 @@ def gathered(result: LoggedCredit) -> Gathered:
     period = periods(windows)
     count = int(period.max(initial=-1)) + 1
     starts = np.concatenate([[0], np.cumsum(windows.steps)[:-1]]).astype(np.int64)
-    length = np.bincount(period, weights=windows.steps, minlength=count)
+    length = np.bincount(period, weights=windows.steps, minlength=count).astype(np.float64)
 
     def mean(values: Floats) -> Floats:
         return np.bincount(period, weights=np.add.reduceat(values, starts), minlength=count) / length
@@ -157,10 +157,10 @@ def _top(result: LoggedCredit, starts: Ints) -> pd.DataFrame:
     top = np.argpartition(-rows.disagreement, many - 1)[:many]
     top = top[np.lexsort((top, -rows.disagreement[top]))]
     window = np.searchsorted(starts, top, side="right") - 1
-    groups = {panel.roles.group: [panel.windows.groups[one] for one in panel.windows.group[window]]}
+    groups = [panel.windows.groups[one] for one in panel.windows.group[window]]
     return pd.DataFrame(
         {
-            **(groups if panel.roles.group else {}),
+            **({panel.roles.group: groups} if panel.roles.group else {}),
             panel.roles.window: panel.windows.id[window],
             "row": rows.number[top],
             **{f"by model “{name}”": rows.each[m, top] for m, name in enumerate(result.found.names)},

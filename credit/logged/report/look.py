@@ -9,10 +9,12 @@ from __future__ import annotations
 import io
 import re
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+
+from credit.logged.panel import MIXTURE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,9 +23,9 @@ if TYPE_CHECKING:
 WIDE, NARROW = 7.4, 3.6  # inches
 INK, QUIET, GRID = "#1d2430", "#5b6472", "#e4e7eb"
 UNSURE = "#d55e00"  # what models disagree by
-REFERENCE, MIXTURE = "#0072b2", "#009e73"
+REFERENCE, TOGETHER = "#0072b2", "#009e73"
 OTHERS = ("#cc79a7", "#e69f00", "#56b4e9", "#999933", "#aa4499", "#882255")
-NAMES = {INK: "ink", QUIET: "quiet", GRID: "grid", UNSURE: "unsure", REFERENCE: "reference", MIXTURE: "mixture"} | {
+NAMES = {INK: "ink", QUIET: "quiet", GRID: "grid", UNSURE: "unsure", REFERENCE: "reference", TOGETHER: "mixture"} | {
     colour: f"other{number}" for number, colour in enumerate(OTHERS)
 }
 SETTINGS: dict[Any, Any] = {
@@ -64,16 +66,23 @@ class Picture:
     key: tuple[tuple[str, str], ...] = ()
 
 
-def drawn(name: str, says: str, draw: Callable[[float], Figure], key: dict[str, str] | None = None) -> Picture:
+def colours(models: Sequence[str]) -> dict[str, str]:
+    """A colour for each model and the mixture."""
+    surrogates = [name for name in models[1:] if name != MIXTURE]
+    others = {name: OTHERS[number % len(OTHERS)] for number, name in enumerate(surrogates)}
+    return {models[0]: REFERENCE, **others} | ({MIXTURE: TOGETHER} if MIXTURE in models else {})
+
+
+def drawn(name: str, says: str, draw: Callable[[float], Figure], key: Sequence[tuple[str, str]] = ()) -> Picture:
     """A picture of both widths.
 
     Args:
         name: of the picture, by which its marks are called. says: its alternative text. draw: width in inches → figure.
-        key: word → colour.
+        key: (word, colour) of what is drawn.
     """
     with _styled():
         wide, narrow = (_svg(draw(width), f"{name}-{size}") for size, width in (("w", WIDE), ("n", NARROW)))
-    return Picture(wide, narrow, says, tuple((NAMES[colour], word) for word, colour in (key or {}).items()))
+    return Picture(wide, narrow, says, tuple((NAMES[colour], word) for word, colour in key))
 
 
 def figure(

@@ -36,7 +36,6 @@ def _filled(result: LoggedCredit) -> dict[str, Any]:
     """What the page has a place for."""
     found, data = result.found, gathered(result)
     several, policy = MIXTURE in result.models, result.policies
-    count = len(sentences.main_effects(result))
     return {
         "label": short(found.panel.roles.label, 60),
         "source": short(found.panel.source, 200),
@@ -53,8 +52,7 @@ def _filled(result: LoggedCredit) -> dict[str, Any]:
         "main": result.models[-1],
         "several": several,
         "effects": figures.effects(result),
-        "effects_left": max(count - figures.MOST, 0),
-        "effects_table": tables.effects(result),
+        "effects_tables": tables.effects(result).split(figures.MOST),
         "relations": list(sentences.untold(result))[: tables.MOST],
         "relations_shown": RELATIONS,
         "weak": _weak(result),

@@ -3,34 +3,25 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from credit.logged.panel import INTERCEPT, MIXTURE
-from credit.logged.report.figures import called, named
 from credit.logged.report.gathered import Gathered
+from credit.logged.report.names import NAMED, called, listed, named
 from credit.logged.report.numbers import interval, number, percent, short
 
 if TYPE_CHECKING:
     from credit.logged.result import LoggedCredit
 
-NAMED = 5  # things that are listed in a sentence
 LABEL = {
     "sum": "the sum of what its rows brought",
     "mean": "the mean of what its rows brought",
     "last": "what its last row brought",
     "binary": "yes or no; the sum of its rows’ credit is the log-odds of yes",
 }
-
-
-def listed(words: Sequence[str], most: int = NAMED) -> str:
-    """Words with commas between them, and how many more there are."""
-    shown = [short(word, 300) for word in words[:most]]
-    if len(words) > most:
-        shown.append(f"{len(words) - most} more")
-    return " and ".join([", ".join(shown[:-1]), shown[-1]] if len(shown) > 1 else shown)
 
 
 def main_effects(result: LoggedCredit) -> list[dict[Any, Any]]:
@@ -45,7 +36,7 @@ def what(result: LoggedCredit, data: Gathered) -> str:
     panel = result.found.panel
     roles, windows = panel.roles, panel.windows
     groups = f" of {len(windows.groups):,} series ({short(roles.group)})" if roles.group else ""
-    span = f", from {short(roles.time)} {_whole_date(data.when[0])} on" if roles.time else ""
+    span = f", beginning with {short(roles.time)} {_whole_date(data.when[0])}" if roles.time else ""
     labelled = int(windows.labelled.sum())
     known = "Of each window" if labelled == len(windows) else f"Of {labelled:,} of these windows"
     return (
@@ -183,7 +174,7 @@ def warned(result: LoggedCredit) -> Iterator[str]:
             f"The next window’s amount of {listed(guilty)} “explains” this window’s label, which it cannot cause. "
             "Something else moves both, so that the number above is not to be trusted."
         )
-    if 0 >= result.r_squared[result.models[-1]][0]:
+    if result.r_squared[result.models[-1]][0] <= 0:
         yield "Windows not seen are predicted no better than by a guess, which speaks against all numbers here."
     yield from _missing(result)
 

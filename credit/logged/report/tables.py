@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from credit.logged.report.figures import called, named
 from credit.logged.report.gathered import Gathered, Share
+from credit.logged.report.names import called, named
 from credit.logged.report.numbers import interval, number, percent, short
 from credit.logged.report.sentences import main_effects
 
@@ -38,6 +38,10 @@ class Table:
     lines: tuple[tuple[Cell, ...], ...]
     left: str = ""
 
+    def split(self, first: int) -> tuple[Table, Table]:
+        """The first lines, and the others."""
+        return Table(self.head, self.lines[:first]), Table(self.head, self.lines[first:], self.left)
+
 
 def table(head: Sequence[str], lines: Iterable[Sequence[str | Cell]], file: str, most: int = MOST) -> Table:
     """A table whose columns stand as the cells of their first line do."""
@@ -55,6 +59,11 @@ def count(value: float, digits: int = 3) -> Cell:
     return Cell(number(value, digits), right=True)
 
 
+def whole(value: int) -> Cell:
+    """A count."""
+    return Cell(f"{value:,}", right=True)
+
+
 def between(value: float, low: float, high: float) -> Cell:
     """A number with its interval below."""
     return Cell(*interval(value, low, high), right=True)
@@ -70,7 +79,7 @@ def effects(result: LoggedCredit) -> Table:
     keys = ["total", "per_unit", *(["per_cost"] if costly else [])]
     head = ["action", "baseline", "in total", "per unit", *(["per cost"] if costly else [])]
     head += [f"in total by {called(name)}" for name in single] + ["note"]
-    lines = []
+    lines: list[list[str | Cell]] = []
     for line in main_effects(result):
         values = [between(*(float(line[f"{key}{end}"]) for end in ("", "_low", "_high"))) for key in keys]
         by = [count(others[line["action"], line["level"], name], 4) for name in single]
@@ -85,7 +94,7 @@ def effects(result: LoggedCredit) -> Table:
 def scores(result: LoggedCredit) -> Table:
     """R² of each model that was held out, and how much it counts in a row on average."""
     weights = dict(zip(result.found.names, result.rows.weights.mean(axis=1), strict=True))
-    lines = [
+    lines: list[list[str | Cell]] = [
         [name, *(count(score) for score in both), Cell(percent(weights[name]) if name in weights else "", right=True)]
         for name, both in result.r_squared.items()
     ]
@@ -95,7 +104,9 @@ def scores(result: LoggedCredit) -> Table:
 def shares(some: Sequence[Share], what: str) -> Table:
     """Groups, or what was done: rows, credit, and by how much models differ, where they do most first."""
     ordered = sorted(some, key=lambda one: -one.disagreement)
-    lines = [[one.name, count(one.rows, 9), count(one.credit), count(one.disagreement)] for one in ordered]
+    lines: list[list[str | Cell]] = [
+        [one.name, whole(one.rows), count(one.credit), count(one.disagreement)] for one in ordered
+    ]
     return table([what, "rows", "credit of a row", "disagreement"], lines, "steps", 100)
 
 
@@ -129,7 +140,7 @@ def details(result: LoggedCredit) -> list[tuple[str, Table]]:
     told = result.told
     columns = {"column": "column", "told": "told", "coefficient": "coefficient", "low": "low", "high": "high"}
     columns |= {"inflation": "variance inflation", "partner": "moves with"}
-    fits = [
+    fits: list[list[str | Cell]] = [
         [name, count(float(fit.penalty[0])), short(model.terms.formula or "1 + every column", 400),
          short(", ".join(result.chosen[name].values()) or "—", 400)]
         for name, model, fit in zip(found.names, found.models, found.fits, strict=True)
@@ -150,8 +161,8 @@ def _plain(frame: pd.DataFrame) -> pd.DataFrame:
 
 def policy_values(policy: Logged) -> Table:
     """What a policy is worth a window, and what was done is."""
-    lines = [
-        [one.policy, one.estimator, between(one.value, one.low, one.high), count(one.effective), count(one.windows, 9)]
+    lines: list[list[str | Cell]] = [
+        [one.policy, one.estimator, between(one.value, one.low, one.high), count(one.effective), whole(one.windows)]
         for one in policy.values
     ]
     head = ["policy", "estimated by", "worth a window", "effective windows", "windows"]
