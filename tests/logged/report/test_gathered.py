@@ -17,7 +17,7 @@ def test_windows_that_begin_together_are_one_period_and_there_are_not_more_than_
     assert len(set(periods(windows(3, 1000), most=160))) <= 160
 
 
-@pytest.mark.parametrize("most", [160, 7])
+@pytest.mark.parametrize("most", [pytest.param(160, marks=pytest.mark.thorough), 7])
 def test_means_over_time_groups_and_actions_are_those_of_the_steps(most: int, monkeypatch: pytest.MonkeyPatch) -> None:
     import credit.logged.effects
     import credit.logged.report.gathered as module
