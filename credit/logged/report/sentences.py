@@ -59,11 +59,12 @@ def worth(result: LoggedCredit) -> str:
     told = [line for line in lines if not line["note"]]
     sure = [line for line in told if _sure(line)]
     found = []
-    shown = (sure or told)[:3]
+    judged = any(np.isfinite(line["total_low"]) for line in told)
+    shown = (sure if judged else told)[:3]
     if shown:
         parts = [f"{named(line)} ({_total(result, line)})" for line in shown]
-        found.append(f"The largest part goes with {listed(parts, 3)}.")
-    if sure and (none := [named(line) for line in told if not _sure(line) and np.isfinite(line["total_low"])]):
+        found.append(f"The largest number{'s are those' if len(parts) > 1 else ' is that'} of {listed(parts, 3)}.")
+    if judged and (none := [named(line) for line in told if not _sure(line)]):
         found.append(f"Of {listed(none)} it cannot be said whether it brought anything: the interval holds 0.")
     if untold := [named(line) for line in lines if not line["told"] and line["rows"]]:
         found.append(f"Of {listed(untold)} these windows tell nothing, and no number is given.")
@@ -213,7 +214,7 @@ def _missing(result: LoggedCredit) -> Iterator[str]:
 
 def untold(result: LoggedCredit) -> Iterator[tuple[str, str]]:
     """What no label tells apart, and what would: columns of a design by the names of what they were made of."""
-    rows = "1" if result.found.panel.roles.label_is in ("mean", "last") else "the number of rows"
+    rows = "1" if result.found.panel.roles.label_is in ("mean", "last") else "(number of rows)"
     for one in result.found.telling.relations:
         text = re.sub(r"\[T\.([^]]*)\]", r": \1", one.text)
         yield short(re.sub(rf"\b{INTERCEPT}\b", rows, text), 300), short(one.remedy, 400)

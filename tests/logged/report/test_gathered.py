@@ -25,7 +25,7 @@ def test_means_over_time_groups_and_actions_are_those_of_the_steps(most: int, mo
     for one in (module, credit.logged.effects):
         monkeypatch.setattr(one, "periods", lambda windows: periods(windows, most))
     frame = table(groups=3)
-    one = found(frame)
+    one = found(frame, draws=5)
     data, steps = gathered(one), one.steps
     width = -(-40 // most)
     when = frame["w"] // width
