@@ -33,6 +33,7 @@ def test_the_wheel_trains_outside_the_checkout(tmp_path):
         wheel.extractall(tmp_path / "site")
     assert (tmp_path / "site/credit/conf/config.yaml").exists()
     assert (tmp_path / "site/credit/py.typed").exists()
+    assert {"page.html", "page.css"} <= {path.name for path in (tmp_path / "site/credit/logged/report").iterdir()}
     metadata = f"credit_rl-{credit.__version__}.dist-info"
     assert {path.name for path in (tmp_path / "site").iterdir()} == {"credit", metadata}
     assert "\nName: credit-rl\n" in (tmp_path / "site" / metadata / "METADATA").read_text(encoding="utf-8")

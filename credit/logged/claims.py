@@ -96,7 +96,7 @@ def labelled_share(found: Recovered) -> pd.DataFrame:
     for part in panel.parts():
         held = panel.windows.labelled[part.window]
         for name in panel.roles.features:
-            for value, rows in _bins(part.frame[name], panel.columns[name]):
+            for value, rows in bins(part.frame[name], panel.columns[name]):
                 entry = counts.setdefault((name, value), [0, 0])
                 entry[0] += int(rows.sum())
                 entry[1] += int((rows & held).sum())
@@ -118,7 +118,8 @@ def labelled_share(found: Recovered) -> pd.DataFrame:
     return pd.DataFrame(lines, columns=["column", "value", "rows", "labelled", "differs"])
 
 
-def _bins(series: pd.Series, column: Column) -> list[tuple[str, np.ndarray]]:
+def bins(series: pd.Series, column: Column) -> list[tuple[str, np.ndarray]]:
+    """Each category of a feature, or third of its numbers, and which rows [n] are in it."""
     if column.levels is not None:
         codes, levels = series.cat.codes.to_numpy(), list(series.cat.categories)
         return [(str(level), codes == code) for code, level in enumerate(levels)]
@@ -127,4 +128,5 @@ def _bins(series: pd.Series, column: Column) -> list[tuple[str, np.ndarray]]:
     which = np.searchsorted(edges, values, side="left")
     low = [column.least, *edges]
     high = [*edges, column.most]
-    return [(f"{low[at]:.4g} to {high[at]:.4g}", which == at) for at in range(len(edges) + 1)]
+    names = [f"{a:.4g}" if a == b else f"{a:.4g} to {b:.4g}" for a, b in zip(low, high, strict=True)]
+    return [(name, which == at) for at, name in enumerate(names)]

@@ -1,7 +1,8 @@
 """What actions were worth: the mean of r̄(s, a) − r̄(s, a₀) over rows, against a stated baseline, with its interval.
 
 What an action carries over to later rows (lag, adstock) is part of its effect: the baseline is that the column always
-had the value a₀. A contrast that the windows do not tell gets no number. States get no effects.
+had the value a₀. A contrast that the windows do not tell gets no number. States get no effects. One pass over the rows
+adds up all that is said of all actions, in total and over time.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 from credit.logged.fits.mixture import mixed
 from credit.logged.models import Pass, parts_of
 from credit.logged.panel import Column, Floats, Ints, Part
+from credit.logged.periods import periods
 from credit.logged.recovering import Recovered
 
 if TYPE_CHECKING:
@@ -29,6 +31,7 @@ class _Sum:
 
     contrast: list[Floats]  # Σ φ(a) − φ(a₀) of each model
     mixture: Floats  # Σ over the sampled rows of what it has beyond the reference, in every fit [1 + B]
+    times: Floats  # by period: rows, Σ of the reference's point fit, sampled rows, Σ over these of `mixture`'s [4, P]
     rows: int = 0  # of which
     sampled: int = 0
     units: float = 0.0  # Σ (a − a₀)
@@ -36,7 +39,7 @@ class _Sum:
 
 
 @dataclass
-class _Sums:
+class Sums:
     """Of one action: what has been added up of each level that is no baseline, None for a number."""
 
     column: Column
@@ -45,8 +48,8 @@ class _Sums:
     levels: dict[Any, _Sum] = field(default_factory=dict)
 
 
-def effects(found: Recovered) -> pd.DataFrame:
-    """A row for each action (and each category of one) and model, the mixture last.
+def effects(found: Recovered, every: list[Sums]) -> pd.DataFrame:
+    """A row for each action (and each category of one) and model, the mixture last, of what `added_up` found.
 
     Columns: action, level (of a category), baseline, model, rows, effect (a row's mean), total, per_unit, per_cost
     (where costs are known), each with _low and _high; told (whether the windows tell it), and note.
@@ -54,13 +57,28 @@ def effects(found: Recovered) -> pd.DataFrame:
     import pandas as pd
 
     lines = [
-        line
-        for sums in _added_up(found)
-        for level, total in sums.levels.items()
-        for line in _lines(found, sums, level, total)
+        line for sums in every for level, total in sums.levels.items() for line in _lines(found, sums, level, total)
     ]
     plain = ["action", "level", "baseline", "model", "rows", *_columns("effect", "total", "per_unit"), "told", "note"]
-    return pd.DataFrame(lines) if lines else pd.DataFrame(columns=plain)
+    frame = pd.DataFrame(lines) if lines else pd.DataFrame(columns=plain)
+    return frame.assign(level=pd.Series([line["level"] for line in lines], dtype=object))  # None stays None
+
+
+def over_time(found: Recovered, every: list[Sums]) -> pd.DataFrame:
+    """What each action (and each category of one) brought in each period, by the last model: action, level, period,
+    effect (Σ over the period's rows). What the windows do not tell is left out."""
+    import pandas as pd
+
+    lines = [pd.DataFrame(columns=["action", "level", "period", "effect"])]
+    for sums in every:
+        for level, total in sums.levels.items():
+            if not _told(found, total):
+                continue
+            rows, reference, sampled, beyond = total.times
+            effect = reference + beyond * rows / np.maximum(sampled, 1)
+            one = {"action": sums.column.name, "level": level, "period": np.arange(len(rows)), "effect": effect}
+            lines.append(pd.DataFrame(one).astype({"level": object}))
+    return pd.concat(lines[1:], ignore_index=True) if lines[1:] else lines[0]
 
 
 def _columns(*names: str) -> list[str]:
@@ -75,19 +93,25 @@ def baseline_of(found: Recovered, column: Column) -> Any:
     return 0.0 if column.levels is None else column.frequent
 
 
-def _started(found: Recovered, column: Column, columns: list[Ints]) -> _Sums:
+def _started(found: Recovered, column: Column, columns: list[Ints], count: int) -> Sums:
+    """Nothing yet, of each of an action's levels, in so many periods."""
     baseline = baseline_of(found, column)
     levels = [None] if column.levels is None else [level for level in column.levels if level != baseline]
     without = Pass(found.panel, found.models, columns, replaced=(column.name, baseline))
-    sums = {level: _Sum([np.zeros(len(own)) for own in columns], np.zeros(1 + found.options.draws)) for level in levels}
-    return _Sums(column, baseline, without, sums)
+
+    def nothing() -> _Sum:
+        return _Sum([np.zeros(len(own)) for own in columns], np.zeros(1 + found.options.draws), np.zeros((4, count)))
+
+    return Sums(column, baseline, without, {level: nothing() for level in levels})
 
 
-def _added_up(found: Recovered) -> list[_Sums]:
+def added_up(found: Recovered) -> list[Sums]:
     """All actions, in one pass over the rows."""
     columns = found.columns
     thetas = [fit.theta[:, own] for fit, own in zip(found.fits, columns, strict=True)]
-    actions = [_started(found, found.panel.columns[name], columns) for name in found.panel.roles.actions]
+    period = periods(found.panel.windows)
+    count = int(period.max(initial=-1)) + 1
+    actions = [_started(found, found.panel.columns[name], columns, count) for name in found.panel.roles.actions]
     as_is = Pass(found.panel, found.models, columns)
     every = max(1, -(-found.panel.rows // ROWS))
     several = len(found.models) > 1
@@ -100,6 +124,7 @@ def _added_up(found: Recovered) -> list[_Sums]:
 
     for part, at in parts_of(found.panel) if actions else ():
         here = as_is.of(part)
+        when = period[part.window]
         sample = np.flatnonzero(np.arange(at.start, at.stop) % every == 0)
         ours = in_all_fits([phi[sample] for phi in here]) if several else None
         for sums in actions:
@@ -111,23 +136,43 @@ def _added_up(found: Recovered) -> list[_Sums]:
                 total.rows += len(rows)
                 total.units += _units(part, sums, rows)
                 total.cost += 0.0 if cost is None else float(part.frame[cost].to_numpy(np.float64)[rows].sum())
-                for whole, one, other in zip(total.contrast, here, there, strict=True):
-                    whole += (one[rows] - other[rows]).sum(0)
+                for m, (whole, one, other) in enumerate(zip(total.contrast, here, there, strict=True)):
+                    change = one[rows] - other[rows]
+                    whole += change.sum(0)
+                    if m == 0:
+                        total.times[0] += _by(when[rows], np.ones(len(rows)), count)
+                        total.times[1] += _by(when[rows], change @ thetas[0][0], count)
                 if beyond is not None:
                     own = np.isin(sample, rows)
                     total.sampled += int(own.sum())
                     total.mixture += beyond[:, own].sum(1)
+                    total.times[2] += _by(when[sample[own]], np.ones(int(own.sum())), count)
+                    total.times[3] += _by(when[sample[own]], beyond[0, own], count)
     return actions
 
 
-def _units(part: Part, sums: _Sums, rows: Ints) -> float:
+def _by(period: Ints, values: Floats, count: int) -> Floats:
+    """Σ of values [n] in each period [P]."""
+    return np.bincount(period, weights=values, minlength=count).astype(np.float64)
+
+
+def _told(found: Recovered, total: _Sum) -> bool:
+    """Whether the windows tell a contrast that is there."""
+    if not total.rows:
+        return False
+    whole = np.zeros(len(found.models[0].terms.names))
+    whole[found.columns[0]] = total.contrast[0]
+    return bool(found.telling.answers(whole[found.told_columns]))
+
+
+def _units(part: Part, sums: Sums, rows: Ints) -> float:
     """Σ (a − a₀) of a number; of a category how often it was there."""
     if sums.column.levels is not None:
         return float(len(rows))
     return float((part.frame[sums.column.name].to_numpy(np.float64)[rows] - float(sums.baseline)).sum())
 
 
-def _rows(part: Part, sums: _Sums) -> Iterator[tuple[Any, Ints]]:
+def _rows(part: Part, sums: Sums) -> Iterator[tuple[Any, Ints]]:
     if sums.column.levels is None:
         yield None, np.arange(len(part))
         return
@@ -137,20 +182,16 @@ def _rows(part: Part, sums: _Sums) -> Iterator[tuple[Any, Ints]]:
         yield level, np.flatnonzero(codes == place.get(level, -2))
 
 
-def _lines(found: Recovered, sums: _Sums, level: Any, total: _Sum) -> Iterator[dict[str, Any]]:
+def _lines(found: Recovered, sums: Sums, level: Any, total: _Sum) -> Iterator[dict[str, Any]]:
     """A row a model, of one action or one of its categories."""
     action, columns = sums.column.name, found.columns
-    told, note = total.rows > 0, ""
-    if told:
-        whole = np.zeros(len(found.models[0].terms.names))
-        whole[columns[0]] = total.contrast[0]
-        told = bool(found.telling.answers(whole[found.told_columns]))
-        if not told:
-            note = "the windows do not tell it from other columns"
-        elif not total.units:
-            note = f"{action} is {sums.baseline!r} in every row"
-    else:
+    told, note = _told(found, total), ""
+    if not total.rows:
         note = f"{action} is {level!r} in no row"
+    elif not told:
+        note = "the windows do not tell it from other columns"
+    elif not total.units:
+        note = f"{action} is {sums.baseline!r} in every row"
     totals = [fit.theta[:, own] @ change for fit, own, change in zip(found.fits, columns, total.contrast, strict=True)]
     if len(found.models) > 1:
         totals.append(totals[0] + total.mixture * (total.rows / max(total.sampled, 1)))

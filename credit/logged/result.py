@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from credit.core.errors import UserError
 from credit.logged import claims
-from credit.logged.effects import effects
+from credit.logged.effects import Sums, added_up, effects, over_time
 from credit.logged.fits.telling import WEAK
 from credit.logged.models import Model
 from credit.logged.panel import Panel
@@ -80,7 +82,16 @@ class LoggedCredit:
     @cached_property
     def effects(self) -> pd.DataFrame:
         """What each action was worth, by each model and the mixture; `effects.effects` says the columns."""
-        return effects(self.found)
+        return effects(self.found, self._added_up)
+
+    @cached_property
+    def effects_over_time(self) -> pd.DataFrame:
+        """What each action brought in each period of time; `effects.over_time` says the columns."""
+        return over_time(self.found, self._added_up)
+
+    @cached_property
+    def _added_up(self) -> list[Sums]:
+        return added_up(self.found)
 
     @cached_property
     def told(self) -> pd.DataFrame:
@@ -135,7 +146,8 @@ class LoggedCredit:
             error = half / found.units.quantile(found.options.level)
             value = claims.robustness_value(line["effect"] / error, freedom) if error > 0 else np.nan
             lines.append({"action": line["action"], "level": line["level"], "robustness": value})
-        return pd.DataFrame(lines, columns=["action", "level", "robustness"])
+        frame = pd.DataFrame(lines, columns=["action", "level", "robustness"])
+        return frame.assign(level=pd.Series([line["level"] for line in lines], dtype=object))  # None stays None
 
     @cached_property
     def policies(self) -> Logged | None:
@@ -190,6 +202,30 @@ class LoggedCredit:
         if loose:
             sentences.append(f"effects of {', '.join(loose)} are associations: not known to be drawn at random")
         return tuple(sentences)
+
+    def report(self) -> str:
+        """All of this as one page of HTML, which asks for no other file: for a reader who is no statistician."""
+        from credit.logged.report.page import written
+
+        return written(self)
+
+    def to_html(self, path: str | Path) -> Path:
+        """Write `report()` to a file.
+
+        Args:
+            path: the file, in a folder that exists.
+
+        Raises:
+            UserError: its folder does not exist.
+
+        Example:
+            >>> found.to_html("report.html")
+        """
+        file = Path(path)
+        if not file.parent.is_dir():
+            raise UserError(f"{file}: there is no folder {file.parent}; make it, or choose a path in one that exists")
+        file.write_text(self.report(), encoding="utf-8")
+        return file
 
     def __repr__(self) -> str:
         windows = self.found.panel.windows

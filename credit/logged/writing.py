@@ -61,7 +61,7 @@ class Folder:
             raise UserError(f"{path}: this is there, and no recovery; choose another place by name=… or output=…")
 
     def write(self, found: LoggedCredit, format: str = "parquet") -> None:
-        """All frames, and numbers in `summary.json`."""
+        """All frames, numbers in `summary.json`, and all of it to be read in `report.html`."""
         import pandas as pd
 
         self._steps(found, format)
@@ -79,6 +79,7 @@ class Folder:
             "policy": "" if policy is None else policy.said,
         }
         (self.path / "summary.json").write_text(json.dumps(summary, indent=2, ensure_ascii=False), encoding="utf-8")
+        found.to_html(self.path / "report.html")
 
     def _steps(self, found: LoggedCredit, format: str) -> None:
         from credit.logged.scoring import frames

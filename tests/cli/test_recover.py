@@ -38,6 +38,7 @@ def test_a_folder_holds_what_was_found(sales: Path, capsys: pytest.CaptureFixtur
     assert {"credit", "credit_low", "credit_high", "credit_balanced", "disagreement", "weight_reference"} <= {*steps}
     assert len(pd.read_csv(folder / "windows.csv")) == 80
     assert json.loads((folder / "summary.json").read_text())["metrics"]["rows"] == 400
+    assert "400 rows of 2 series" in (folder / "report.html").read_text(encoding="utf-8")
     shown = capsys.readouterr().out
     for words in ("400 rows, 80 windows", "what actions were worth", "held-out R² of mixture", str(folder)):
         assert words in shown

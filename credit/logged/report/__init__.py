@@ -1,0 +1,1 @@
+"""A recovery as one page that needs no network: for a reader who decides, and is no statistician."""
