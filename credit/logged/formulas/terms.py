@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -28,7 +28,7 @@ from credit.logged.formulas.compute import Learned, Rows, code
 from credit.logged.formulas.free import Free
 from credit.logged.formulas.layout import laid_out
 from credit.logged.formulas.reading import parse
-from credit.logged.panel import Column, Floats, Ints, Part, Roles
+from credit.logged.panel import Column, Floats, Ints, Part, Roles, plain
 
 State = dict[str, Floats]  # text of a lag or adstock → what is carried on
 
@@ -135,8 +135,8 @@ class Terms:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain lists, texts and numbers, from which `from_dict` makes these terms."""
-        columns = [asdict(one) for one in self.columns.values()]  # all: a text may name what it takes away
-        return {"formula": self.formula, "columns": _plain(columns), "learned": _plain(self.learned)}
+        columns = [one.to_dict() for one in self.columns.values()]  # all: a text may name what it takes away
+        return {"formula": self.formula, "columns": columns, "learned": plain(self.learned)}
 
     @classmethod
     def from_dict(cls, saved: Mapping[str, Any]) -> Terms:
@@ -145,11 +145,7 @@ class Terms:
         Raises:
             UserError: it is no formula.
         """
-        columns = {one["name"]: Column(**one) for one in saved["columns"]}
-        columns = {
-            name: replace(one, levels=one.levels and tuple(one.levels), quantiles=tuple(one.quantiles))
-            for name, one in columns.items()
-        }
+        columns = {one["name"]: Column.from_dict(one) for one in saved["columns"]}
         roles = Roles(window="", label="", states=tuple(columns))
         return replace(cls.of(saved["formula"], columns, roles), learned=dict(saved["learned"]))
 
@@ -177,13 +173,3 @@ class Terms:
                 block.fill(rows, whole)
                 values[:, first:last] = whole[:, wanted[first:last] - (end - block.size)]
         return values
-
-
-def _plain(value: Any) -> Any:
-    """What JSON knows; anything else as text."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
-    value = value.item() if isinstance(value, np.generic) else value
-    return value if value is None or isinstance(value, bool | int | float | str) else str(value)
