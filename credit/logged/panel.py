@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     import pandas as pd
 
+    from credit.logged.tables.known import Known
+
 INTERCEPT = "Intercept"  # name of a design's column that is 1 in every row, as formulaic has it
 MIXTURE = "mixture"  # what the models together are called in tables
 LabelIs = Literal["sum", "mean", "last", "binary"]
@@ -155,6 +157,7 @@ class Panel(ABC):
     Attributes:
         source: where it comes from, for messages. roles: what its columns are. columns: features by name.
         windows: one row a window. rows: how many. said: what was guessed, or done to it, a sentence each.
+        known: how it was read, so that another table can be read in the same way.
     """
 
     source: str
@@ -163,6 +166,7 @@ class Panel(ABC):
     windows: Windows
     rows: int
     said: tuple[str, ...]
+    known: Known
 
     @abstractmethod
     def parts(self) -> Iterator[Part]:

@@ -90,7 +90,7 @@ class Folder:
         import pyarrow.parquet as pq
 
         writer = None
-        for frame in frames(found.found, found.rows):
+        for frame in frames(found.found.panel, found.found.names, found.rows):
             table = pa.Table.from_pandas(frame.rename_axis("row").reset_index(), preserve_index=False)
             if writer is None:
                 writer = pq.ParquetWriter(self.path / "steps.parquet", table.schema)
