@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import hashlib
-import importlib
 import json
 import math
 import zipfile
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from credit.core.errors import UserError
-from credit.core.seams import Mixer
-from credit.core.signatures import signature
 from credit.core.version import __version__
-from credit.logged.fits.telling import Relation, Telling
+from credit.logged.fits.telling import Telling
 from credit.logged.fitted import KINDS, Fitted
+from credit.logged.mixers import read_mixer, saved_mixer
+from credit.logged.models import aggregated
 from credit.logged.panel import plain
 from credit.logged.scored import ScoredTable
 from credit.logged.scoring import credited, shares
@@ -92,8 +91,6 @@ class SavedModel:
         place = self._told_place()
 
         def ask(part: Any, own: slice, designs: list[np.ndarray]) -> None:
-            from credit.logged.models import aggregated
-
             told[own] = self.telling.answers(aggregated(part, designs[0][:, place], panel.roles))
 
         rows, sums = credited(self.fitted, panel, ask if self.telling.relations and place is not None else None)
@@ -108,7 +105,7 @@ class SavedModel:
             models.append(one)
             arrays |= {f"{number}.{name}": values for name, values in own.items()}
         np.savez(folder / FITS, **arrays)  # type: ignore[arg-type]
-        fitted, telling = self.fitted, self.telling
+        fitted = self.fitted
         whole = {
             "format": FORMAT,
             "credit": __version__,
@@ -121,17 +118,7 @@ class SavedModel:
             "intercept": fitted.intercept,
             "nonnegative": fitted.nonnegative,
             "rate": self.rate,
-            "telling": {
-                "names": list(telling.names),
-                "rank": telling.rank,
-                "condition": None if math.isnan(telling.condition) else telling.condition,
-                "inflation": [None if math.isnan(one) else one for one in telling.inflation.tolist()],
-                "partner": telling.partner.tolist(),
-                "relations": [
-                    asdict(one) | {"columns": one.columns.tolist(), "weights": one.weights.tolist()}
-                    for one in telling.relations
-                ],
-            },
+            "telling": self.telling.to_dict(),
             "options": plain(self.options),
             "fits": _digest(folder / FITS),
         }
@@ -150,9 +137,13 @@ class SavedModel:
         whole = _plain(path / PLAIN, Path(folder))
         fits = path / FITS
         if not fits.is_file():
-            raise UserError(f"{fits}: this file is missing; it belongs to {PLAIN} beside it: copy both, or recover anew")
+            raise UserError(
+                f"{fits}: this file is missing; it belongs to {PLAIN} beside it: copy both, or recover anew"
+            )
         if _digest(fits) != whole.get("fits"):
-            raise UserError(f"{fits} is not the file that {PLAIN} beside it was written with; copy both, or recover anew")
+            raise UserError(
+                f"{fits} is not the file that {PLAIN} beside it was written with; copy both, or recover anew"
+            )
         file = fits
         try:
             with np.load(fits, allow_pickle=False) as stored:
@@ -189,7 +180,7 @@ class SavedModel:
             fitted,
             Known.from_dict(whole["known"]),
             float(whole["rate"]),
-            _telling(whole["telling"]),
+            Telling.from_dict(whole["telling"]),
             arrays["told_columns"],
             dict(whole["options"]),
             str(whole["source"]),
@@ -214,44 +205,6 @@ def load_model(folder: str | Path) -> SavedModel:
         >>> credit.load_model("outputs/recover/sales").predict(frame)["credit"]
     """
     return SavedModel.read(folder)
-
-
-def saved_mixer(mixer: Mixer) -> dict[str, Any]:
-    """A mixer as its class and its parameters.
-
-    Raises:
-        UserError: it cannot be found again by its name, or does not keep its parameters under their names.
-    """
-    cls = type(mixer)
-    name = f"{cls.__module__}:{cls.__qualname__}"
-    if "<" in name or cls.__module__ == "__main__":
-        raise UserError(f"mixer {cls.__name__} cannot be saved: it stands in no module; move its class to a file")
-    parameters = {}
-    for key in signature(cls):
-        value = getattr(mixer, key, mixer)
-        if plain(value) != value:
-            raise UserError(f"mixer {cls.__name__} cannot be saved: keep its parameter {key!r} as an attribute, plainly")
-        parameters[key] = value
-    return {"class": name, "parameters": parameters}
-
-
-def read_mixer(saved: Mapping[str, Any]) -> Mixer:
-    """A mixer that was saved.
-
-    Raises:
-        UserError: its class is not there, or is no mixer.
-    """
-    module, _, name = str(saved["class"]).partition(":")
-    try:
-        cls: Any = importlib.import_module(module)
-        for part in name.split("."):
-            cls = getattr(cls, part)
-    except (ImportError, AttributeError, ValueError):
-        raise UserError(f"the mixer {saved['class']} cannot be imported; install what has it, or recover anew") from None
-    if not (isinstance(cls, type) and issubclass(cls, Mixer)):
-        raise UserError(f"{saved['class']} is no mixer; recover anew")
-    made: Mixer = cls(**saved["parameters"])
-    return made
 
 
 def _digest(path: Path) -> str:
@@ -281,20 +234,3 @@ def _plain(path: Path, given: Path) -> dict[str, Any]:
             f"format {FORMAT}; recover anew, or use that version"
         )
     return found
-
-
-def _telling(saved: Mapping[str, Any]) -> Telling:
-    relations = tuple(
-        Relation(np.array(one["columns"], dtype=np.int64), np.array(one["weights"], dtype=np.float64), one["text"],
-                 one["remedy"])
-        for one in saved["relations"]
-    )  # fmt: skip
-    condition = saved["condition"]
-    return Telling(
-        tuple(saved["names"]),
-        int(saved["rank"]),
-        math.nan if condition is None else float(condition),
-        relations,
-        np.array(saved["inflation"], dtype=np.float64),
-        np.array(saved["partner"], dtype=np.int64),
-    )

@@ -29,9 +29,7 @@ class ScoredTable:
         rate: what a label tells of a row where all are alike, in the table that was fitted.
     """
 
-    def __init__(
-        self, panel: Panel, fitted: Fitted, rows: Scored, sums: Floats, told: np.ndarray, rate: float
-    ) -> None:
+    def __init__(self, panel: Panel, fitted: Fitted, rows: Scored, sums: Floats, told: np.ndarray, rate: float) -> None:
         self.panel, self.fitted, self.rows, self.told = panel, fitted, rows, told
         self.predicted = np.where(told, sums, np.nan)
         self._rate = rate
@@ -70,8 +68,7 @@ class ScoredTable:
     def said(self) -> tuple[str, ...]:
         """What is to be known of it, a sentence each."""
         found = [*self.panel.said]
-        names = (one.model.terms.names[at] for one in self.fitted.parts if one.columns is not None for at in one.columns)
-        if any(word in name for name in names for word in CARRIES):
+        if self._looks_back():
             where = f"each {self.panel.roles.group}" if self.panel.roles.group else "the table"
             found.append(f"lag and adstock begin anew with the first row of {where}; rows before it are not known")
         if self.panel.roles.window and not self.told.all():
@@ -80,6 +77,12 @@ class ScoredTable:
                 "tell columns apart that differ there"
             )
         return tuple(found)
+
+    def _looks_back(self) -> bool:
+        """Whether a term that is used carries something from row to row."""
+        linear = [one for one in self.fitted.parts if one.columns is not None]
+        used = {one.model.terms.names[at] for one in linear for at in one.columns}  # type: ignore[union-attr]
+        return any(word in name for name in used for word in CARRIES)
 
     def __repr__(self) -> str:
         return f"ScoredTable({self.panel.rows} rows, {'+'.join(self.fitted.names)}, R² {self.r_squared:.3f})"

@@ -178,7 +178,11 @@ def _before(values: Floats, group: np.ndarray) -> Floats:
 
 
 def frames(panel: Panel, names: Sequence[str], rows: Scored) -> Iterator[pd.DataFrame]:
-    """The rows of models of these names part by part, with what tells which they are: group, window and time, and their number as index."""
+    """The rows part by part, with what tells which they are: group, window and time, and their number as index.
+
+    Args:
+        panel: where they lie. names: of the models. rows: what is said of them.
+    """
     import pandas as pd
 
     roles = panel.roles

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from credit.core.errors import UserError, nearest
-from credit.logged.panel import Ints
+from credit.logged.panel import Ints, Roles
 from credit.logged.tables.clock import Clock
 from credit.logged.tables.features import Features, Gaps, level_codes
 from credit.logged.tables.guesses import Sample
@@ -56,9 +56,7 @@ def opened_again(data: Any, given: Mapping[str, Any] | None, known: Known, *, me
 
     features = Features(what.kinds, what.dates, what.calendar, missing, source.name)
     features.columns = known.columns
-    source, windows, first, more = cut(
-        source, what, features.needed, [], second is None and roles.label != "", memory
-    )
+    source, windows, first, more = cut(source, what, features.needed, [], second is None and roles.label != "", memory)
     said += more
     if second is not None:
         windows, more = labelled(windows, second, roles, words.labels)
@@ -86,32 +84,51 @@ def _settled(words: Words, sample: Sample, labels: pd.DataFrame | None, known: K
     clock = _clock(time, known.clock, sample) if time else None
     calendar = _clock(known.calendar.column, known.calendar, sample) if known.calendar else None
 
-    window = words.window or (roles.window if roles.window in sample.kinds else "")
-    if window and window not in sample.kinds:
-        raise UserError(f"{source}: data.window={window}: there is no such column; {nearest(window, sample.kinds)}")
-    if not window and roles.stock and roles.label_is in ("sum", "binary"):
-        raise UserError(
-            f"{source}: there is no column {roles.window!r}, which says which rows share a label, and of a level "
-            f"({', '.join(roles.stock)}) a window has the mean; name it by data.window; {nearest('', sample.kinds)}"
-        )
-    label = words.label or roles.label
-    there = list(sample.kinds) if labels is None else [str(name) for name in labels.columns]
-    if label not in there and (words.label or labels is not None):
-        raise UserError(
-            f"{source if labels is None else 'data.labels'}: there is no column {label!r} (data.label); "
-            f"{nearest(label, there)}"
-        )
-    if labels is not None and (not window or window not in there):
-        raise UserError(f"data.labels: {window or roles.window!r} (data.window) must be a column of both tables")
+    window = _window(words, roles, sample)
+    label = _label(words, roles, sample, labels, window)
     if not window:
         said.append(f"there is no column {roles.window!r} (data.window), and so rows alone are scored, no windows")
-    label = label if window and label in there else ""
-    if window and not label:
+    elif not label:
         said.append(f"there is no column {roles.label!r} (data.label), and so labels are predicted alone")
     roles = replace(
         roles, window=window, label=label, time=time, group=group, baseline={}, cost={}, randomised=(), propensity=None
     )
     return Settled(roles, clock, known.kinds, known.dates, calendar, tuple(said))
+
+
+def _window(words: Words, roles: Roles, sample: Sample) -> str:
+    """The column of windows; "" for none.
+
+    Raises:
+        UserError: it is not there, and was said or is needed.
+    """
+    window = words.window or (roles.window if roles.window in sample.kinds else "")
+    if window and window not in sample.kinds:
+        why = f"data.window={window}: there is no such column"
+    elif not window and roles.stock and roles.label_is in ("sum", "binary"):
+        levels = ", ".join(roles.stock)
+        why = f"there is no column {roles.window!r} (data.window), and of a level ({levels}) a window has the mean"
+    elif not window and (words.label or words.labels is not None):
+        why = f"there is no column {roles.window!r} (data.window), and labels are of windows"
+    else:
+        return window
+    raise UserError(f"{sample.source}: {why}; {nearest(window or roles.window, sample.kinds)}")
+
+
+def _label(words: Words, roles: Roles, sample: Sample, labels: pd.DataFrame | None, window: str) -> str:
+    """The column of labels, in a second table where there is one; "" for none.
+
+    Raises:
+        UserError: it is not there, and was said or is needed.
+    """
+    label = words.label or roles.label
+    there = list(sample.kinds) if labels is None else [str(name) for name in labels.columns]
+    if labels is not None and window not in there:
+        raise UserError(f"data.labels: there is no column {window!r} (data.window); {nearest(window, there)}")
+    if label not in there and (words.label or labels is not None):
+        source = sample.source if labels is None else "data.labels"
+        raise UserError(f"{source}: there is no column {label!r} (data.label); {nearest(label, there)}")
+    return label if window and label in there else ""
 
 
 def _named(word: str, given: str | bool | None, was: str | None, sample: Sample) -> str | None:

@@ -108,10 +108,7 @@ def level_codes(values: pd.Series[Any], levels: tuple[Any, ...]) -> Ints:
     at = [place.get(level, -1) for level in own.tolist()]
     if -1 in at:
         written = dict(zip(texts(np.array(levels, dtype=object)).tolist(), range(len(levels)), strict=True))
-        at = [
-            written.get(text, -1) if code < 0 else code
-            for code, text in zip(at, texts(own).tolist(), strict=True)
-        ]
+        at = [written.get(text, -1) if code < 0 else code for code, text in zip(at, texts(own).tolist(), strict=True)]
     return np.array([*at, -1], dtype=np.int64)[found]
 
 

@@ -21,7 +21,7 @@ class Table(Panel):
 
     Args:
         source: of rows. known: what columns are. features: how they are read. windows: those that are left. lengths:
-            rows of each window in the source, of those without a row that is left, too. said: what was guessed and done.
+            rows of each window in the source, of those without a row that is left, too. said: what was guessed, done.
 
     Attributes:
         known: as it was given: enough to read another table in the same way.
