@@ -12,12 +12,14 @@ from credit.core.signatures import signature
 from credit.logged.panel import plain
 
 
-def saved_mixer(mixer: Mixer) -> dict[str, Any]:
-    """A mixer as its class and its parameters.
+def saved_mixer(mixer: Mixer | None) -> dict[str, Any]:
+    """A mixer as its class and its parameters; nothing for none.
 
     Raises:
         UserError: it cannot be found again by its name, or does not keep its parameters under their names.
     """
+    if mixer is None:
+        return {}
     cls = type(mixer)
     name = f"{cls.__module__}:{cls.__qualname__}"
     if "<" in name or cls.__module__ == "__main__":

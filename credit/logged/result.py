@@ -15,7 +15,7 @@ from credit.logged.panel import Panel
 from credit.logged.policies import Logged, policies
 from credit.logged.recovering import Options, Recovered, recover
 from credit.logged.saving import SavedModel
-from credit.logged.scoring import Judged, Scored, frames, scored, windowed_frame
+from credit.logged.scoring import Judged, Scored, frames, in_order, scored, windowed_frame
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -63,9 +63,7 @@ class LoggedCredit:
     def steps(self) -> pd.DataFrame:
         """A row of what was given each, in that order: credit, its interval, credit that adds up, each model's, and
         where they disagree. An interval is one for the *expected* credit of a row, not for what happened in it."""
-        import pandas as pd
-
-        return pd.concat(list(frames(self.found.panel, self.found.names, self.rows))).sort_index(kind="stable")
+        return in_order(frames(self.found.panel, self.found.names, self.rows))
 
     @cached_property
     def windows(self) -> pd.DataFrame:

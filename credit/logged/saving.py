@@ -24,6 +24,7 @@ from credit.logged.scored import ScoredTable
 from credit.logged.scoring import credited, shares
 from credit.logged.tables.again import opened_again
 from credit.logged.tables.known import Known
+from credit.logged.writing import MODEL
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from credit.logged.recovering import Recovered
 
 FORMAT = 1  # of what is written here; another number is another form
-FOLDER, PLAIN, FITS = "model", "model.json", "fits.npz"
+PLAIN, FITS = "model.json", "fits.npz"
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,7 @@ class SavedModel:
             UserError: there is none, or it is damaged, or of another version.
         """
         path = Path(folder).expanduser()
-        path = path / FOLDER if (path / FOLDER / PLAIN).is_file() else path
+        path = path / MODEL if (path / MODEL / PLAIN).is_file() else path
         whole = _plain(path / PLAIN, Path(folder))
         fits = path / FITS
         if not fits.is_file():
@@ -219,7 +220,7 @@ def _plain(path: Path, given: Path) -> dict[str, Any]:
     """
     if not path.is_file():
         raise UserError(
-            f"{given}: there is no {PLAIN}, and no {FOLDER}/{PLAIN}; give the folder of a recovery, as `credit recover "
+            f"{given}: there is no {PLAIN}, and no {MODEL}/{PLAIN}; give the folder of a recovery, as `credit recover "
             "DATA` names it at its end"
         )
     try:

@@ -10,7 +10,7 @@ import numpy as np
 from credit.logged.fits.folds import r_squared
 from credit.logged.fitted import Fitted
 from credit.logged.panel import Floats, Panel
-from credit.logged.scoring import Scored, frames, shares, windowed_frame
+from credit.logged.scoring import Scored, frames, in_order, shares, windowed_frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,9 +37,7 @@ class ScoredTable:
     @cached_property
     def steps(self) -> pd.DataFrame:
         """A row of what was given each, in that order, as in the steps of a recovery."""
-        import pandas as pd
-
-        return pd.concat(list(frames(self.panel, self.fitted.names, self.rows))).sort_index(kind="stable")
+        return in_order(frames(self.panel, self.fitted.names, self.rows))
 
     @cached_property
     def windows(self) -> pd.DataFrame | None:

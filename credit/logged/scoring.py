@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -199,6 +199,13 @@ def frames(panel: Panel, names: Sequence[str], rows: Scored) -> Iterator[pd.Data
         columns["disagreement"] = rows.disagreement[at]
         own = part.frame[[key for key in keys if key in part.frame.columns]]
         yield pd.concat([own, pd.DataFrame(columns, index=part.frame.index)], axis=1)
+
+
+def in_order(frames: Iterable[pd.DataFrame]) -> pd.DataFrame:
+    """All rows, as they lay in what was given."""
+    import pandas as pd
+
+    return pd.concat(list(frames)).sort_index(kind="stable")
 
 
 def windowed_frame(panel: Panel) -> pd.DataFrame:
