@@ -151,6 +151,8 @@ class SavedModel:
                 arrays = dict(stored)
             file = path / PLAIN
             return cls._made(whole, arrays)
+        except UserError as error:
+            raise UserError(f"{file}: {error}") from None
         except (KeyError, TypeError, ValueError, AttributeError, IndexError, zipfile.BadZipFile, OSError) as error:
             what = f"no {error}" if isinstance(error, KeyError) else str(error)
             raise UserError(f"{file} is damaged, or was written by hand ({what}); recover anew") from None
