@@ -170,6 +170,9 @@ class SavedModel:
             raise ValueError("it has no models, or two of one name")
         if len({len(part.theta) for part in parts if part.theta is not None}) > 1:
             raise ValueError("its models have different numbers of fits")
+        telling, told = Telling.from_dict(whole["telling"]), arrays["told_columns"]
+        if told.shape != (len(telling.names),):
+            raise ValueError(f"told_columns are {told.shape}, of {len(telling.names)} names")
         factor, intercept = whole["factor"], whole["intercept"]
         fitted = Fitted(
             tuple(parts),
@@ -183,8 +186,8 @@ class SavedModel:
             fitted,
             Known.from_dict(whole["known"]),
             float(whole["rate"]),
-            Telling.from_dict(whole["telling"]),
-            arrays["told_columns"],
+            telling,
+            told,
             dict(whole["options"]),
             str(whole["source"]),
         )

@@ -125,7 +125,7 @@ PLAIN, FITS = "model/model.json", "model/fits.npz"
         (lambda at: edited(at / PLAIN, lambda one: one["mixer"].update({"class": "os:system"})), "is no mixer"),
         (
             lambda at: edited(at / PLAIN, lambda one: one["mixer"].update({"class": "nowhere:Mix"})),
-            "model.json: mixer nowhere:Mix cannot be imported",
+            "model.json: the mixer nowhere:Mix cannot be imported",
         ),
         (lambda at: edited(at / PLAIN, lambda one: one["mixer"].update(parameters={"alpha": -1})), "alpha"),
     ],
