@@ -22,15 +22,16 @@ class ScoredTable:
     """Credit of every row of a table by models that were fitted to another one.
 
     Attributes:
-        panel: the table. fitted: models. rows: credit of all rows. predicted: the label of each window [W], NaN where
-            the labels that were fitted do not tell it. told: where they do [W].
+        panel: the table. fitted: models. rows: credit of all rows. sums: what credit adds up to in each window, as
+            labels do [W]. told: whether the labels that were fitted tell it [W]. predicted: the same, NaN where they
+            do not [W].
 
     Args:
         rate: what a label tells of a row where all are alike, in the table that was fitted.
     """
 
     def __init__(self, panel: Panel, fitted: Fitted, rows: Scored, sums: Floats, told: np.ndarray, rate: float) -> None:
-        self.panel, self.fitted, self.rows, self.told = panel, fitted, rows, told
+        self.panel, self.fitted, self.rows, self.told, self.sums = panel, fitted, rows, told, sums
         self.predicted = np.where(told, sums, np.nan)
         self._rate = rate
 
