@@ -175,11 +175,12 @@ class CreditRegressor(RegressorMixin, BaseEstimator):
         label = check_array(
             column_or_1d(y, warn=True), ensure_2d=False, dtype=np.float64, ensure_all_finite="allow-nan"
         )
-        names = {"window": self._column(self.window, X), "label": _free("y", frame.columns)}
-        if names["window"] is None:
-            names["window"] = _free("row", frame.columns)
-            frame = frame.assign(**{names["window"]: np.arange(len(frame))})
-        return frame.assign(**{names["label"]: label}), {word: str(name) for word, name in names.items()}
+        name = _free("y", frame.columns)
+        window = self._column(self.window, X)
+        if window is None:
+            window = _free("row", frame.columns)
+            frame = frame.assign(**{window: np.arange(len(frame))})
+        return frame.assign(**{name: label}), {"window": window, "label": name}
 
     @staticmethod
     def _column(name: Name | None, X: Any) -> str | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any, get_args
 
 from credit.logged.panel import Column, LabelIs, Roles, plain
@@ -50,10 +50,10 @@ class Known:
         Raises:
             KeyError, TypeError, ValueError: it is no such thing.
         """
-        roles = Roles(**saved["roles"])
+        given: dict[str, Any] = dict(saved["roles"])
+        roles = Roles(**given | {name: tuple(given[name]) for name in LISTS})
         if roles.label_is not in get_args(LabelIs) or saved["missing"] not in get_args(Missing):
             raise ValueError(f"label_is is {roles.label_is!r}, missing {saved['missing']!r}")
-        roles = replace(roles, **{name: tuple(getattr(roles, name)) for name in LISTS})
         columns = {one["name"]: Column.from_dict(one) for one in saved["columns"]}
         if set(saved["kinds"]) != set(columns):
             raise ValueError("its features have no columns")
