@@ -215,3 +215,12 @@ def test_nothing_is_fitted_or_guessed_anew() -> None:
     assert len(one.predict(tiny)) == 5
     other = one.predict(tiny.assign(z=tiny["z"].mean()))
     assert other["credit"].notna().all()
+
+
+@pytest.mark.parametrize("missing", ["mean", "drop"])
+def test_gaps_of_the_fit_are_filled_as_they_were(missing: str) -> None:
+    frame = rows()
+    frame.loc[[3, 50, 51], "x"] = np.nan
+    frame.loc[[7, 90], "c"] = None
+    one = fitted(frame, missing=missing)
+    pd.testing.assert_frame_equal(one.predict(frame), one.steps, rtol=1e-12, atol=1e-12)
