@@ -1,7 +1,6 @@
 """Models that were fitted, apart from the rows that they were fitted to: what scoring needs, and how it is saved.
 
-A model of another kind than `Linear` has the same attributes (`columns` and `theta` None where a design is its
-predictions) and the same two methods, and a line in `KINDS`.
+A model of another kind than `Linear` is a `Part`, too, and has a line in `KINDS`.
 """
 
 from __future__ import annotations
@@ -24,14 +23,14 @@ Arrays = Mapping[str, np.ndarray]
 
 
 class Part(Protocol):
-    """A model and its fits."""
+    """A model and its fits: which columns of its design are used, and what `mixed` makes credit of these by."""
 
     @property
     def model(self) -> Model: ...  # noqa: D102
     @property
-    def columns(self) -> Ints | None: ...  # noqa: D102
+    def columns(self) -> Ints: ...  # noqa: D102
     @property
-    def theta(self) -> Floats | None: ...  # noqa: D102
+    def theta(self) -> Any: ...  # noqa: D102
     @property
     def chosen(self) -> Mapping[str, str]: ...  # noqa: D102
 

@@ -89,12 +89,12 @@ class SavedModel:
     def score(self, panel: Panel) -> ScoredTable:
         """Score a table that was opened in the way of this model's own."""
         told = np.ones(len(panel.windows), dtype=bool)
-        place = self._told_place()
+        place = np.searchsorted(self.fitted.parts[0].columns, self.told_columns)
 
         def ask(part: Any, own: slice, designs: list[np.ndarray]) -> None:
             told[own] = self.telling.answers(aggregated(part, designs[0][:, place], panel.roles))
 
-        rows, sums = credited(self.fitted, panel, ask if self.telling.relations and place is not None else None)
+        rows, sums = credited(self.fitted, panel, ask if self.telling.relations else None)
         return ScoredTable(panel, self.fitted, rows, sums, told, self.rate)
 
     def write(self, folder: Path) -> None:
@@ -168,7 +168,7 @@ class SavedModel:
             parts.append(KINDS[one["kind"]].read(one, own))
         if not parts or len({part.model.name for part in parts}) < len(parts):
             raise ValueError("it has no models, or two of one name")
-        if len({len(part.theta) for part in parts if part.theta is not None}) > 1:
+        if len({len(part.theta) for part in parts}) > 1:
             raise ValueError("its models have different numbers of fits")
         telling, told = Telling.from_dict(whole["telling"]), arrays["told_columns"]
         if told.shape != (len(telling.names),):
@@ -191,11 +191,6 @@ class SavedModel:
             dict(whole["options"]),
             str(whole["source"]),
         )
-
-    def _told_place(self) -> Ints | None:
-        """Where the columns of `telling` are among those that the reference uses."""
-        used = self.fitted.parts[0].columns
-        return None if used is None else np.searchsorted(used, self.told_columns)
 
 
 def load_model(folder: str | Path) -> SavedModel:

@@ -79,8 +79,7 @@ class ScoredTable:
 
     def _looks_back(self) -> bool:
         """Whether a term that is used carries something from row to row."""
-        linear = [one for one in self.fitted.parts if one.columns is not None]
-        used = {one.model.terms.names[at] for one in linear for at in one.columns}  # type: ignore[union-attr]
+        used = {one.model.terms.names[at] for one in self.fitted.parts for at in one.columns}
         return any(word in name for name in used for word in CARRIES)
 
     def __repr__(self) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -85,7 +85,7 @@ def credited(
     credit, half, disagreement = np.empty(count), np.empty(count), np.empty(count)
     each, weights, number = np.empty((models, count)), np.empty((models, count)), np.empty(count, dtype=np.int64)
     sums = np.empty(len(panel.windows))
-    thetas: list[Any] = [one.theta for one in fitted.parts]
+    thetas = [one.theta for one in fitted.parts]
     rows = Pass(panel, fitted.models, [one.columns for one in fitted.parts])
     for part, at in parts_of(panel):
         designs = rows.of(part)
