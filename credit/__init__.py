@@ -18,7 +18,9 @@ from credit.renamed import answer_old_imports
 if TYPE_CHECKING:
     from credit.api import check, compare, list, sweep, tune
     from credit.core.errors import UserError
+    from credit.logged.estimator import CreditRegressor
     from credit.logged.recover import recover
+    from credit.logged.saving import load_model
     from credit.runs.composing import compose
     from credit.runs.evaluate import evaluate
     from credit.runs.export import export
@@ -32,6 +34,7 @@ answer_old_imports()
 register_soon()  # our environments, with Gymnasium, once it is imported
 
 __all__ = [
+    "CreditRegressor",
     "Result",
     "Run",
     "UserError",
@@ -43,6 +46,7 @@ __all__ = [
     "export",
     "list",
     "load",
+    "load_model",
     "play",
     "recover",
     "resume",
@@ -54,10 +58,12 @@ _HOMES = {
     **dict.fromkeys(("check", "compare", "list", "sweep", "tune"), "api"),
     **dict.fromkeys(("Result", "run"), "runs.runner"),
     **dict.fromkeys(("Run", "load"), "runs.load"),
+    "CreditRegressor": "logged.estimator",
     "UserError": "core.errors",
     "compose": "runs.composing",
     "evaluate": "runs.evaluate",
     "export": "runs.export",
+    "load_model": "logged.saving",
     "play": "runs.play",
     "recover": "logged.recover",
     "resume": "runs.resume",

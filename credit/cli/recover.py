@@ -17,6 +17,7 @@ HELP = """\
 Recover a reward for every row of a table from labels on windows of rows, with intervals, and where models disagree.
 
 Usage: credit recover DATA [key=value] ... [-m] [--explain] [--config-dir DIR]
+       credit recover NEW --model DIR [key=value] ... [--explain]
 
   DATA                   CSV or Parquet: a file, a folder, a pattern in quotes
 
@@ -47,6 +48,9 @@ how
 
 -m runs one recovery for each of several values: credit recover sales.csv -m mixer=relative_mse,best
 
+--model scores rows that were not fitted to, by the folder of a recovery; labels and windows may be missing. Of the keys
+above it takes output, name, format, tracking, from, and data.window, label, labels, time, group, missing
+
 Example:
   credit recover examples/marketing.csv
 """
@@ -60,6 +64,11 @@ def main(argv: list[str]) -> int:
     from credit.cli.recovery_words import requests
 
     asked = requests(argv)
+    if asked[0].model is not None:
+        from credit.cli.recovery_model import score
+
+        score(asked)
+        return 0
     ready = list(_prepared(asked))
     for number, (one, panel, models) in enumerate(ready):
         if len(asked) > 1:
@@ -70,12 +79,14 @@ def main(argv: list[str]) -> int:
 
 def _prepared(asked: Sequence[Request]) -> Iterator[tuple[Request, Panel, list[Model]]]:
     """What is asked, with opened tables and models: all that can be refused is, before the first fit."""
+    from credit.logged.mixers import saved_mixer
     from credit.logged.tables.opening import opened
     from credit.logged.writing import Folder
 
     panels: dict[str, Panel] = {}  # the same words of data are the same table
     for one in asked:
         Folder.require_free(one.folder)
+        saved_mixer(one.ask.mixer)
         words = repr(one.ask.data)
         if words not in panels:
             panels[words] = opened(one.data, one.ask.data)

@@ -8,6 +8,7 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from credit.cli.recovery_model import without_effect
 from credit.config import classes, files, registry, schema
 from credit.core import signatures
 from credit.core.errors import UserError, nearest
@@ -25,7 +26,8 @@ OWN = ("output", "name", "format", "tracking", "from")  # of this command alone
 TEXTS = (REFERENCE, "from", "output", "name", *(f"data.{one}" for one in SINGLE))  # taken as they are typed
 FORMATS, TRACKING = ("csv", "parquet"), ("mlflow", "none")
 FLAGS = ("-m", "--multirun", "--explain")
-PATHS = ("--config-dir", "-cd")  # take a word
+MODEL = "--model"
+PATHS = ("--config-dir", "-cd", MODEL)  # take a word
 Tree = dict[str, Any]
 
 
@@ -36,6 +38,7 @@ class Request:
     Attributes:
         data: the table. words: as they were typed. ask: what is asked. explain: fit nothing.
         output, name: the folder is OUTPUT/recover/NAME. format: of steps. tracked: whether it is logged to MLflow.
+        model: the folder of a model that scores the rows; None: they are fitted.
     """
 
     data: str
@@ -46,6 +49,7 @@ class Request:
     name: str
     format: str
     tracked: bool
+    model: Path | None = None
 
     @property
     def folder(self) -> Path:
@@ -59,7 +63,7 @@ def requests(argv: Sequence[str]) -> list[Request]:
     Raises:
         UserError: with all words that are wrong.
     """
-    flags, config_dirs, words = _sorted(argv)
+    flags, paths, words = _sorted(argv)
     data = [word for word in words if "=" not in word or Path(word).exists()]
     keys = [word for word in words if word not in data]
     if len(data) != 1:
@@ -67,15 +71,15 @@ def requests(argv: Sequence[str]) -> list[Request]:
         raise UserError(f"one table is needed, got {shown}; `credit recover --help` says more")
     several = bool({"-m", "--multirun"} & {*flags})
     every = [*_each(keys)] if several else [keys]
-    found = [_request(data[0], one, flags, config_dirs) for one in every]
+    found = [_request(data[0], one, flags, paths) for one in every]
     if several and len(found) > 1:
         found = [_named(one, every, number) for number, one in enumerate(found)]
     return found
 
 
-def _sorted(argv: Sequence[str]) -> tuple[list[str], list[str], list[str]]:
-    """Flags, folders of YAML files, and all other words."""
-    flags, folders, words, rest = list[str](), list[str](), list[str](), list(argv)
+def _sorted(argv: Sequence[str]) -> tuple[list[str], list[tuple[str, str]], list[str]]:
+    """Flags, options with their folders, and all other words."""
+    flags, folders, words, rest = list[str](), list[tuple[str, str]](), list[str](), list(argv)
     while rest:
         word = rest.pop(0)
         name, equals, value = word.partition("=")
@@ -84,11 +88,13 @@ def _sorted(argv: Sequence[str]) -> tuple[list[str], list[str], list[str]]:
         elif name in PATHS:
             if not equals and not rest:
                 raise UserError(f"{name} needs a folder")
-            folders.append(value if equals else rest.pop(0))
+            folders.append((name, value if equals else rest.pop(0)))
         elif word.startswith("-") and not word.startswith("--=") and not Path(word).exists():
             raise UserError(f"{word!r} is no option here; {nearest(word, [*FLAGS, *PATHS])}; settings are key=value")
         else:
             words.append(word)
+    if len([name for name, _ in folders if name == MODEL]) > 1:
+        raise UserError(f"{MODEL} is given twice; leave one of them out")
     return flags, folders, words
 
 
@@ -130,7 +136,9 @@ def _named(one: Request, every: Sequence[Sequence[str]], number: int) -> Request
     return replace(one, name=f"{one.name}/{number:02d}-{safe}")
 
 
-def _request(data: str, words: Sequence[str], flags: Sequence[str], config_dirs: Sequence[str]) -> Request:
+def _request(data: str, words: Sequence[str], flags: Sequence[str], paths: Sequence[tuple[str, str]]) -> Request:
+    config_dirs = [path for name, path in paths if name != MODEL]
+    model = next((Path(path) for name, path in paths if name == MODEL), None)
     tree = _tree(words)
     if (file := tree.pop("from", None)) is not None:
         tree = _merged(_file(file), tree)
@@ -139,6 +147,8 @@ def _request(data: str, words: Sequence[str], flags: Sequence[str], config_dirs:
     mixer = tree.pop("mixer", None)
     known = [*OWN, "mixer", "data", REFERENCE, "surrogates", *(one.name for one in fields(Options))]
     problems += [f"unknown key {key!r}; {nearest(key, known)}" for key in tree if key not in known]
+    if model is not None:
+        problems += without_effect([*(["mixer"] if mixer is not None else []), *tree], config_dirs)
     for key, allowed in (("format", FORMATS), ("tracking", TRACKING)):
         if key in own and own[key] not in allowed:
             problems.append(f"{key}={own[key]}: {nearest(str(own[key]), allowed)}")
@@ -155,7 +165,9 @@ def _request(data: str, words: Sequence[str], flags: Sequence[str], config_dirs:
         raise UserError("\n".join([*problems, "`credit recover --help` lists what can be set"]))
     format_ = own.get("format", "csv" if data.lower().endswith(".csv") else "parquet")
     output = Path(str(own.get("output", "outputs")))
-    return Request(data, tuple(words), ask, "--explain" in flags, output, name, format_, own.get("tracking") != "none")
+    return Request(
+        data, tuple(words), ask, "--explain" in flags, output, name, format_, own.get("tracking") != "none", model
+    )
 
 
 def _stem(data: str) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from credit.logged.tables.known import Known
 
 INTERCEPT = "Intercept"  # name of a design's column that is 1 in every row, as formulaic has it
 MIXTURE = "mixture"  # what the models together are called in tables
@@ -29,7 +31,8 @@ class Roles:
     """Which column is what.
 
     Attributes:
-        window: names the rows that share a label. label: of a window. time: of rows in a group; None: as they lie.
+        window: names the rows that share a label; "": each row is one, where rows are scored that have none.
+        label: of a window; "": there is none. time: of rows in a group; None: as they lie.
         group: series that have nothing to carry over to each other; None: one series.
         states: what was there. actions: what was done. Both are features; actions alone have effects.
         stock: features that are levels, not flows: a window has their mean, not their sum.
@@ -77,6 +80,17 @@ class Column:
     most: float = 0.0
     quantiles: tuple[float, ...] = ()
     frequent: Any = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain lists, texts and numbers, from which `from_dict` makes it."""
+        found: dict[str, Any] = plain(asdict(self))
+        return found
+
+    @classmethod
+    def from_dict(cls, saved: Mapping[str, Any]) -> Column:
+        """What was saved; levels that JSON does not know are texts now."""
+        levels, quantiles = saved.get("levels"), saved.get("quantiles", ())
+        return cls(**{**saved, "levels": levels and tuple(levels), "quantiles": tuple(quantiles)})
 
 
 @dataclass(frozen=True)
@@ -143,6 +157,7 @@ class Panel(ABC):
     Attributes:
         source: where it comes from, for messages. roles: what its columns are. columns: features by name.
         windows: one row a window. rows: how many. said: what was guessed, or done to it, a sentence each.
+        known: how it was read, so that another table can be read in the same way.
     """
 
     source: str
@@ -151,7 +166,18 @@ class Panel(ABC):
     windows: Windows
     rows: int
     said: tuple[str, ...]
+    known: Known
 
     @abstractmethod
     def parts(self) -> Iterator[Part]:
         """All rows, in order."""
+
+
+def plain(value: Any) -> Any:
+    """What JSON knows; anything else as text."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(each) for each in value]
+    value = value.item() if isinstance(value, np.generic) else value
+    return value if value is None or isinstance(value, bool | int | float | str) else str(value)

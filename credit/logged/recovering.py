@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
@@ -18,6 +19,7 @@ from credit.logged.fits.odds import Bits, require_bits
 from credit.logged.fits.refining import refined
 from credit.logged.fits.telling import Telling, remedied, told
 from credit.logged.fits.units import Units, units_of
+from credit.logged.fitted import Fitted, Linear
 from credit.logged.models import Model, learned, windowed
 from credit.logged.panel import MIXTURE, Floats, Ints, Panel
 from credit.logged.residuals.autocorrelation import estimated_rho
@@ -96,6 +98,18 @@ class Recovered:
     def factor(self) -> float:
         """By what a deviation over draws is multiplied to be half an interval; NaN where there is none."""
         return self.units.quantile(self.options.level) * self.units.correction
+
+    @cached_property
+    def fitted(self) -> Fitted:
+        """What scores rows, apart from the panel."""
+        return Fitted(
+            tuple(Linear.of(model, fit) for model, fit in zip(self.models, self.fits, strict=True)),
+            self.mixer,
+            self.factor,
+            self.rho,
+            float(self.intercepts[0][0]) if self.bits else None,
+            self.options.nonnegative,
+        )
 
     @property
     def bits(self) -> bool:

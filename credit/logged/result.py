@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from credit.logged.models import Model
 from credit.logged.panel import Panel
 from credit.logged.policies import Logged, policies
 from credit.logged.recovering import Options, Recovered, recover
-from credit.logged.scoring import Judged, Scored, frames, scored
+from credit.logged.saving import SavedModel
+from credit.logged.scoring import Judged, Scored, frames, in_order, scored, windowed_frame
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -52,31 +53,28 @@ class LoggedCredit:
         return self.found.every_name
 
     @cached_property
+    def model(self) -> SavedModel:
+        """What scores rows of other tables, as it is saved."""
+        return SavedModel.of(self.found)
+
+    def predict(self, data: Any, **words: Any) -> pd.DataFrame:
+        """Credit of rows that were not fitted to: `SavedModel.predict`."""
+        return self.model.predict(data, **words)
+
+    @cached_property
     def steps(self) -> pd.DataFrame:
         """A row of what was given each, in that order: credit, its interval, credit that adds up, each model's, and
         where they disagree. An interval is one for the *expected* credit of a row, not for what happened in it."""
-        import pandas as pd
-
-        return pd.concat(list(frames(self.found, self.rows))).sort_index(kind="stable")
+        return in_order(frames(self.found.panel, self.found.names, self.rows))
 
     @cached_property
     def windows(self) -> pd.DataFrame:
         """A row a window: label, what credit adds up to, the prediction of fits that had not seen it, residual."""
-        import pandas as pd
-
-        windows, roles = self.found.panel.windows, self.found.panel.roles
-        groups = {roles.group: [windows.groups[code] for code in windows.group]} if roles.group else {}
-        return pd.DataFrame(
-            {
-                **groups,
-                roles.window: windows.id,
-                "steps": windows.steps,
-                "label": windows.label,
-                "predicted": self.judged.fitted,
-                "held_out": self.judged.held_out[-1],
-                "residual": windows.label - self.judged.fitted,
-                "fold": self.found.folds.fold,
-            }
+        return windowed_frame(self.found.panel).assign(
+            predicted=self.judged.fitted,
+            held_out=self.judged.held_out[-1],
+            residual=self.found.panel.windows.label - self.judged.fitted,
+            fold=self.found.folds.fold,
         )
 
     @cached_property
@@ -186,10 +184,7 @@ class LoggedCredit:
     @property
     def chosen(self) -> dict[str, dict[str, str]]:
         """Of each model, the parameters that folds chose for its terms."""
-        return {
-            model.name: {free.text: free.candidates[fit.chosen[0][at]] for at, free in enumerate(model.terms.choices)}
-            for model, fit in zip(self.found.models, self.found.fits, strict=True)
-        }
+        return {one.model.name: dict(one.chosen) for one in self.found.fitted.parts}
 
     @property
     def said(self) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,8 +10,9 @@ import numpy as np
 
 from credit.logged.fits.folds import r_squared
 from credit.logged.fits.mixture import mixed
+from credit.logged.fitted import Fitted
 from credit.logged.models import Pass, aggregated, parts_of
-from credit.logged.panel import Floats, Part
+from credit.logged.panel import Floats, Panel, Part
 from credit.logged.recovering import Recovered
 from credit.logged.residuals.balance import balanced
 from credit.logged.residuals.whitening import Layout, errors
@@ -59,30 +60,48 @@ class Judged:
 
 
 def scored(found: Recovered) -> tuple[Scored, Judged]:
-    """Score all rows and judge them by their windows."""
-    count, models = found.panel.rows, len(found.models)
+    """Score all rows that models were fitted to, and judge them by their windows."""
+    held_out = np.full((len(found.models) + 1, len(found.panel.windows)), np.nan)
+
+    columns = found.columns
+
+    def hold_out(part: Part, own: slice, designs: list[Floats]) -> None:
+        _hold_out(found, part, designs, columns, held_out[:, own])
+
+    rows, fitted = credited(found.fitted, found.panel, hold_out)
+    return rows, _judged(found, fitted, held_out)
+
+
+def credited(
+    fitted: Fitted, panel: Panel, seen: Callable[[Part, slice, list[Floats]], None] | None = None
+) -> tuple[Scored, Floats]:
+    """Score all rows of a panel in one pass, and what a label of each window is by them [W].
+
+    Args:
+        fitted: models. panel: rows, which they need not have seen. seen: called with each part, the places of its
+            windows and the models' designs.
+    """
+    count, models = panel.rows, len(fitted.parts)
     credit, half, disagreement = np.empty(count), np.empty(count), np.empty(count)
     each, weights, number = np.empty((models, count)), np.empty((models, count)), np.empty(count, dtype=np.int64)
-    windows = len(found.panel.windows)
-    fitted, held_out = np.empty(windows), np.full((models + 1, windows), np.nan)
-    columns = found.columns
-    thetas = [fit.theta[:, own] for fit, own in zip(found.fits, columns, strict=True)]
-    rows = Pass(found.panel, found.models, columns)
-    for part, at in parts_of(found.panel):
+    sums = np.empty(len(panel.windows))
+    thetas = [one.theta for one in fitted.parts]
+    rows = Pass(panel, fitted.models, [one.columns for one in fitted.parts])
+    for part, at in parts_of(panel):
         designs = rows.of(part)
-        what = mixed(designs, thetas, found.mixer)
-        credit[at], half[at], disagreement[at] = what.credit, found.factor * what.deviation, what.disagreement
+        what = mixed(designs, thetas, fitted.mixer)
+        credit[at], half[at], disagreement[at] = what.credit, fitted.factor * what.deviation, what.disagreement
         each[:, at], weights[:, at], number[at] = what.each, what.weights, part.frame.index
         own = slice(int(part.window[0]), int(part.window[-1]) + 1)
-        fitted[own] = aggregated(part, what.credit, found.panel.roles)
-        _hold_out(found, part, designs, columns, held_out[:, own])
-    if found.bits:
-        fitted = _odds(fitted, found.intercepts[0][0])
+        sums[own] = aggregated(part, what.credit, panel.roles)
+        if seen is not None:
+            seen(part, own, designs)
+    if fitted.intercept is not None:
+        sums = _odds(sums, fitted.intercept)
         adding_up = np.full(count, np.nan)
     else:
-        adding_up = _balanced(found, credit, fitted)
-    whole = Scored(credit, credit - half, credit + half, adding_up, disagreement, each, weights, number)
-    return whole, _judged(found, fitted, held_out)
+        adding_up = _balanced(fitted, panel, credit, sums)
+    return Scored(credit, credit - half, credit + half, adding_up, disagreement, each, weights, number), sums
 
 
 def _hold_out(found: Recovered, part: Part, designs: list[Floats], columns: list[np.ndarray], out: Floats) -> None:
@@ -110,26 +129,25 @@ def _odds(sums: Floats, intercept: float) -> Floats:
     return 1 / (1 + np.exp(-(sums + intercept)))
 
 
-def _balanced(found: Recovered, credit: Floats, fitted: Floats) -> Floats:
-    windows, roles = found.panel.windows, found.panel.roles
+def _balanced(fitted: Fitted, panel: Panel, credit: Floats, sums: Floats) -> Floats:
+    windows, roles = panel.windows, panel.roles
     given = None
-    if found.rho != 0:
+    if fitted.rho != 0:
         layout = Layout.of(windows.steps, windows.group, windows.labelled, roles.label_is)
-        given = errors(np.where(windows.labelled, windows.label - fitted, np.nan), layout, found.rho).rows()
+        given = errors(np.where(windows.labelled, windows.label - sums, np.nan), layout, fitted.rho).rows()
     return balanced(
         credit,
         windows.label,
         windows.steps,
         roles.label_is,
         errors=given,
-        nonnegative=found.options.nonnegative,
+        nonnegative=fitted.nonnegative,
         ids=list(windows.id),
     )
 
 
 def _judged(found: Recovered, fitted: Floats, held_out: Floats) -> Judged:
-    windows, roles = found.panel.windows, found.panel.roles
-    share = windows.steps.astype(np.float64) if roles.label_is == "sum" else np.ones(len(windows))
+    windows, share = found.panel.windows, shares(found.panel)
     alike, persistent = np.full(len(windows), np.nan), np.full(len(windows), np.nan)
     for number, (_, pieces) in enumerate(found.folds.of):
         own = found.folds.fold == number
@@ -145,6 +163,11 @@ def _judged(found: Recovered, fitted: Floats, held_out: Floats) -> Judged:
     return Judged(fitted, held_out, alike, persistent, scores)
 
 
+def shares(panel: Panel) -> Floats:
+    """By what a label is larger than what it tells of a row [W]: a sum by the window's rows."""
+    return panel.windows.steps.astype(np.float64) if panel.roles.label_is == "sum" else np.ones(len(panel.windows))
+
+
 def _before(values: Floats, group: np.ndarray) -> Floats:
     """The last value before each window in its group [W], NaN where there is none."""
     place = np.where(np.isfinite(values), np.arange(len(values)), -1)
@@ -154,21 +177,43 @@ def _before(values: Floats, group: np.ndarray) -> Floats:
     return np.where(good, values[np.maximum(before, 0)], np.nan)
 
 
-def frames(found: Recovered, rows: Scored) -> Iterator[pd.DataFrame]:
-    """The rows part by part, with what tells which they are: group, window and time, and their number as index."""
+def frames(panel: Panel, names: Sequence[str], rows: Scored) -> Iterator[pd.DataFrame]:
+    """The rows part by part, with what tells which they are: group, window and time, and their number as index.
+
+    Args:
+        panel: where they lie. names: of the models. rows: what is said of them.
+    """
     import pandas as pd
 
-    roles = found.panel.roles
-    keys = [name for name in (roles.group, roles.window, roles.time) if name is not None]
-    for part, at in parts_of(found.panel):
+    roles = panel.roles
+    keys = [name for name in (roles.group, roles.window, roles.time) if name]
+    for part, at in parts_of(panel):
         columns = {
             "credit": rows.credit[at],
             "credit_low": rows.low[at],
             "credit_high": rows.high[at],
             "credit_balanced": rows.balanced[at],
         }
-        for m, name in enumerate(found.names):
+        for m, name in enumerate(names):
             columns |= {f"credit_{name}": rows.each[m, at], f"weight_{name}": rows.weights[m, at]}
         columns["disagreement"] = rows.disagreement[at]
         own = part.frame[[key for key in keys if key in part.frame.columns]]
         yield pd.concat([own, pd.DataFrame(columns, index=part.frame.index)], axis=1)
+
+
+def in_order(frames: Iterable[pd.DataFrame]) -> pd.DataFrame:
+    """All rows, as they lay in what was given."""
+    import pandas as pd
+
+    return pd.concat(list(frames)).sort_index(kind="stable")
+
+
+def windowed_frame(panel: Panel) -> pd.DataFrame:
+    """A row a window: group, window, steps, label."""
+    import pandas as pd
+
+    windows, roles = panel.windows, panel.roles
+    groups = {roles.group: [windows.groups[code] for code in windows.group]} if roles.group else {}
+    return pd.DataFrame(
+        {**groups, roles.window: windows.id, "steps": windows.steps, "label": windows.label}, copy=False
+    )

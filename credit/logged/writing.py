@@ -5,18 +5,22 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from credit.core.errors import UserError
 
 if TYPE_CHECKING:
+    from credit.logged.panel import Panel
     from credit.logged.result import LoggedCredit
+    from credit.logged.scored import ScoredTable
+    from credit.logged.scoring import Scored
 
 DONE = "DONE"
+MODEL = "model"  # in the folder of a recovery
 
 
 @dataclass(frozen=True)
@@ -51,12 +55,14 @@ class Folder:
             shutil.rmtree(beside, ignore_errors=True)
 
     @staticmethod
-    def require_free(path: Path) -> None:
-        """Refuse to take the place of anything but an earlier recovery.
+    def require_free(path: Path, keep_models: bool = False) -> None:
+        """Refuse to take the place of anything but an earlier recovery; `keep_models`: nor of one with a model.
 
         Raises:
             UserError: the place is taken.
         """
+        if keep_models and (path / MODEL).exists():
+            raise UserError(f"{path}: a model lies there; choose another place for scored rows by name=… or output=…")
         if path.exists() and (not path.is_dir() or (any(path.iterdir()) and not (path / DONE).exists())):
             raise UserError(f"{path}: this is there, and no recovery; choose another place by name=… or output=…")
 
@@ -64,7 +70,8 @@ class Folder:
         """All frames, numbers in `summary.json`, and all of it to be read in `report.html`."""
         import pandas as pd
 
-        self._steps(found, format)
+        self._steps(found.found.panel, found.found.names, found.rows, format)
+        found.model.write(self.path / MODEL)
         for name in ("windows", "effects", "told", "placebo", "labelled", "robustness"):
             getattr(found, name).to_csv(self.path / f"{name}.csv", index=False)
         policy = found.policies
@@ -73,25 +80,37 @@ class Folder:
             pd.DataFrame([vars(value) for value in policy.values]).to_csv(self.path / "policy_values.csv", index=False)
         summary = {
             "said": list(found.said),
-            "metrics": {key: None if value != value else value for key, value in found.metrics.items()},
+            "metrics": found.metrics,
             "chosen": found.chosen,
             "resampled": found.found.units.kind,
             "policy": "" if policy is None else policy.said,
         }
-        (self.path / "summary.json").write_text(json.dumps(summary, indent=2, ensure_ascii=False), encoding="utf-8")
+        self._summary(summary)
         found.to_html(self.path / "report.html")
 
-    def _steps(self, found: LoggedCredit, format: str) -> None:
-        from credit.logged.scoring import frames
+    def write_scored(self, table: ScoredTable, model: Path, format: str = "parquet") -> None:
+        """Steps, windows where there are some, and numbers in `summary.json`, of rows that a model had not seen."""
+        self._steps(table.panel, table.fitted.names, table.rows, format)
+        if table.windows is not None:
+            table.windows.to_csv(self.path / "windows.csv", index=False)
+        self._summary({"model": str(model), "said": list(table.said), "metrics": table.metrics})
+
+    def _summary(self, summary: Mapping[str, Any]) -> None:
+        metrics = {key: None if value != value else value for key, value in summary["metrics"].items()}
+        text = json.dumps({**summary, "metrics": metrics}, indent=2, ensure_ascii=False)
+        (self.path / "summary.json").write_text(text, encoding="utf-8")
+
+    def _steps(self, panel: Panel, names: Sequence[str], rows: Scored, format: str) -> None:
+        from credit.logged.scoring import frames, in_order
 
         if format == "csv":
-            found.steps.rename_axis("row").to_csv(self.path / "steps.csv")
+            in_order(frames(panel, names, rows)).rename_axis("row").to_csv(self.path / "steps.csv")
             return
         import pyarrow as pa
         import pyarrow.parquet as pq
 
         writer = None
-        for frame in frames(found.found, found.rows):
+        for frame in frames(panel, names, rows):
             table = pa.Table.from_pandas(frame.rename_axis("row").reset_index(), preserve_index=False)
             if writer is None:
                 writer = pq.ParquetWriter(self.path / "steps.parquet", table.schema)

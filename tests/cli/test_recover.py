@@ -137,6 +137,76 @@ def test_a_folder_of_something_else_is_not_written_over(sales: Path, capsys: pyt
     assert Path("outputs/recover/sales/mine.txt").read_text() == "mine"
 
 
+MODEL = ("--model", "outputs/recover/sales", "tracking=none")
+
+
+@pytest.mark.parametrize("label", ["numbers", "bits"])
+def test_rows_that_were_fitted_are_scored_as_they_were(
+    sales: Path, capsys: pytest.CaptureFixture[str], label: str
+) -> None:
+    frame = pd.read_csv(sales)
+    if label == "bits":
+        frame.assign(y=(frame["y"] > frame["y"].median()).astype(int)).to_csv(sales, index=False)
+    assert recover("sales.csv", *WORDS, *QUICK, "reference.formula=1 + adstock(x) + lag(z, 1) + bs(z, 4)") == 0
+    capsys.readouterr()
+    assert recover("sales.csv", *MODEL, "name=again") == 0
+    shown = capsys.readouterr().out
+    for words in ("reference, actions, fitted to sales.csv", "begin anew with the first row of each g", "R² of labels"):
+        assert words in shown
+    one, other = Path("outputs/recover/sales"), Path("outputs/recover/again")
+    pd.testing.assert_frame_equal(
+        pd.read_csv(one / "steps.csv"), pd.read_csv(other / "steps.csv"), rtol=1e-12, atol=1e-12
+    )
+    names = ["g", "w", "steps", "label", "predicted", "residual"]
+    pd.testing.assert_frame_equal(pd.read_csv(one / "windows.csv")[names], pd.read_csv(other / "windows.csv")[names])
+    assert sorted(path.name for path in other.iterdir()) == ["DONE", "steps.csv", "summary.json", "windows.csv"]
+    assert json.loads((other / "summary.json").read_text())["metrics"]["labelled"] == 80
+
+
+def test_new_rows_need_neither_windows_nor_labels(sales: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert recover("sales.csv", *WORDS, *QUICK) == 0
+    frame = pd.read_csv(sales)
+    frame[["t", "g", "x", "z"]].to_parquet("new.parquet")
+    assert recover("new.parquet", *MODEL, "--explain") == 0
+    assert "nothing was scored" in capsys.readouterr().out
+    assert not Path("outputs/recover/new").exists()
+    assert recover("new.parquet", "--model=outputs/recover/sales/model", "tracking=none", "format=csv") == 0
+    steps = pd.read_csv("outputs/recover/new/steps.csv")
+    assert steps["credit_low"].notna().all()
+    assert not Path("outputs/recover/new/windows.csv").exists()
+    frame.rename(columns={"w": "week", "y": "sold"}).to_csv("named.csv", index=False)
+    assert recover("named.csv", *MODEL, "data.window=week", "data.label=sold") == 0
+    assert {"week", "residual", "told"} <= {*pd.read_csv("outputs/recover/named/windows.csv")}
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("new.csv", "--model"), "--model needs a folder"),
+        (("new.csv", "--model", "nowhere"), "nowhere: there is no model.json"),
+        (("new.csv", *MODEL, "--model=other"), "--model is given twice"),
+        (("new.csv", *MODEL, "draws=3"), "draws has no effect with --model"),
+        (("new.csv", *MODEL, "mixer=best"), "mixer has no effect with --model"),
+        (("new.csv", *MODEL, "reference.formula=1"), "reference has no effect with --model"),
+        (("new.csv", *MODEL, "--config-dir=."), "--config-dir has no effect with --model"),
+        (("new.csv", *MODEL, "data.actions=[x]"), "data.actions has no effect"),
+        (("new.csv", *MODEL, "data.window=wek"), "no such column"),
+        (("sales.csv", *MODEL), "a model lies there"),
+        (("short.csv", *MODEL), "no column 'z', which the model needs"),
+    ],
+)
+def test_what_does_not_go_with_a_model_is_refused(
+    sales: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], said: str
+) -> None:
+    assert recover("sales.csv", *WORDS, "draws=2", "tracking=none", "surrogates={}") == 0
+    frame = pd.read_csv(sales)
+    frame.to_csv("new.csv", index=False)
+    frame.drop(columns="z").to_csv("short.csv", index=False)
+    assert recover(*words) == 2
+    assert said in capsys.readouterr().err
+    assert [path.name for path in Path("outputs/recover").iterdir()] == ["sales"]
+
+
 @pytest.mark.thorough
 def test_a_stranger_types_the_file_alone(tmp_path: Path) -> None:
     example = Path(__file__).parents[2] / "examples" / "marketing.csv"

@@ -6,8 +6,9 @@ cᵀθ, has an answer if c is orthogonal to all of them, and gets no number othe
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -62,6 +63,31 @@ class Telling:
         # SMALL is against what the columns of the contrast alone would come to
         size = np.abs(contrasts) @ np.abs(self.nowhere)
         return (np.abs(contrasts @ self.nowhere) <= SMALL * np.maximum(size, 1e-300)).all(-1)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain lists, texts and numbers, null for NaN."""
+        found = {name: getattr(self, name) for name in ("names", "rank", "condition", "inflation", "partner")}
+        found = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in found.items()}
+        relations = [
+            {"columns": one.columns.tolist(), "weights": one.weights.tolist(), "text": one.text, "remedy": one.remedy}
+            for one in self.relations
+        ]
+        inflation = [None if np.isnan(one) else one for one in found["inflation"]]
+        condition = None if np.isnan(self.condition) else self.condition
+        return {**found, "condition": condition, "inflation": inflation, "relations": relations}
+
+    @classmethod
+    def from_dict(cls, saved: Mapping[str, Any]) -> Telling:
+        """What was saved."""
+        relations = tuple(
+            Relation(
+                np.array(one["columns"], np.int64), np.array(one["weights"], np.float64), one["text"], one["remedy"]
+            )
+            for one in saved["relations"]
+        )
+        condition, inflation = (np.array(saved[name], np.float64) for name in ("condition", "inflation"))
+        partner = np.array(saved["partner"], np.int64)
+        return cls(tuple(saved["names"]), int(saved["rank"]), float(condition), relations, inflation, partner)
 
 
 def told(xx: Floats, names: Sequence[str]) -> Telling:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -28,7 +28,7 @@ from credit.logged.formulas.compute import Learned, Rows, code
 from credit.logged.formulas.free import Free, tried
 from credit.logged.formulas.layout import laid_out
 from credit.logged.formulas.reading import parse
-from credit.logged.panel import Column, Floats, Ints, Part, Roles
+from credit.logged.panel import Column, Floats, Ints, Part, Roles, plain
 
 State = dict[str, Floats]  # text of a lag or adstock → what is carried on
 
@@ -153,9 +153,9 @@ class Terms:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain lists, texts and numbers, from which `from_dict` makes these terms."""
-        columns = [asdict(one) for one in self.columns.values()]  # all: a text may name what it takes away
-        plain = {"columns": columns, "learned": self.learned, "decays": self.decays}
-        return {"formula": self.formula, **{key: _plain(value) for key, value in plain.items()}}
+        columns = [one.to_dict() for one in self.columns.values()]  # all: a text may name what it takes away
+        parts = {"columns": columns, "learned": plain(self.learned), "decays": plain(self.decays)}
+        return {"formula": self.formula, **parts}
 
     @classmethod
     def from_dict(cls, saved: Mapping[str, Any]) -> Terms:
@@ -164,11 +164,7 @@ class Terms:
         Raises:
             UserError: it is no formula.
         """
-        columns = {one["name"]: Column(**one) for one in saved["columns"]}
-        columns = {
-            name: replace(one, levels=one.levels and tuple(one.levels), quantiles=tuple(one.quantiles))
-            for name, one in columns.items()
-        }
+        columns = {one["name"]: Column.from_dict(one) for one in saved["columns"]}
         roles = Roles(window="", label="", states=tuple(columns))
         found = cls.of(saved["formula"], columns, roles, saved["decays"])
         return replace(found, learned=dict(saved["learned"]))
@@ -197,13 +193,3 @@ class Terms:
                 block.fill(rows, whole)
                 values[:, first:last] = whole[:, wanted[first:last] - (end - block.size)]
         return values
-
-
-def _plain(value: Any) -> Any:
-    """What JSON knows; anything else as text."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
-    value = value.item() if isinstance(value, np.generic) else value
-    return value if value is None or isinstance(value, bool | int | float | str) else str(value)

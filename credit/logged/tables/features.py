@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from credit.core.errors import UserError
 from credit.logged.panel import Column, Floats, Ints
 from credit.logged.tables.clock import CALENDAR, Clock, calendar
-from credit.logged.tables.columns import Kind, Levels, Moments, numbers, spread_out
+from credit.logged.tables.columns import Kind, Levels, Moments, codes, numbers, spread_out
+from credit.logged.tables.keys import texts
 from credit.logged.tables.words import Missing
 
 if TYPE_CHECKING:
@@ -93,25 +94,53 @@ class Features:
                 gaps = np.isnan(values)
                 found[name] = np.where(gaps, column.mean, values) if gaps.any() else values
                 continue
-            category = pd.Categorical(values, categories=[*column.levels])
-            found[name] = category.fillna(column.frequent) if (category.codes < 0).any() else category
+            code = level_codes(values, column.levels)
+            if (code < 0).any():
+                code = np.where(code < 0, column.levels.index(column.frequent), code)
+            found[name] = pd.Categorical.from_codes(code, categories=pd.Index([*column.levels]))
         return found
 
 
-class Survey:
-    """What rows say of features, chunk by chunk.
+def level_codes(values: pd.Series[Any], levels: tuple[Any, ...]) -> Ints:
+    """Which of a category's levels values are [n]: those that are equal, or else written alike; −1 for none."""
+    found, own = codes(values)
+    place = {level: at for at, level in enumerate(levels)}
+    at = [place.get(level, -1) for level in own.tolist()]
+    if -1 in at:
+        written = dict(zip(texts(np.array(levels, dtype=object)).tolist(), range(len(levels)), strict=True))
+        at = [written.get(text, -1) if code < 0 else code for code, text in zip(at, texts(own).tolist(), strict=True)]
+    return np.array([*at, -1], dtype=np.int64)[found]
+
+
+class Gaps:
+    """Which values are missing, as chunks of rows come by, and what is done about it.
+
+    Attributes:
+        gaps: feature → rows without a value.
 
     Args:
-        features: how they are read. stock: those that are levels. rows: how many there are in all.
+        features: how they are read.
     """
 
-    def __init__(self, features: Features, stock: Sequence[str], rows: int, orders: Mapping[str, Any]) -> None:
-        self._features, self._stock, self._rows, self._seen = features, stock, rows, 0
-        self.moments = {name: Moments() for name, kind in features.kinds.items() if kind == "number"}
-        self.levels = {name: Levels(name, orders.get(name)) for name in features.kinds if name not in self.moments}
-        self._some: dict[str, list[Floats]] = {name: [] for name in self.moments}
+    def __init__(self, features: Features) -> None:
+        self._features, self._seen = features, 0
         self.gaps: dict[str, int] = dict.fromkeys(features.kinds, 0)
         self._first: dict[str, int] = {}
+
+    def kept(self, made: Mapping[str, Any], rows: Ints) -> NDArray[np.bool_]:
+        """Look at the features of some rows; which of them stay [n]."""
+        import pandas as pd
+
+        keep = np.ones(len(rows), dtype=bool)
+        for name, values in made.items():
+            gone = np.isnan(values) if isinstance(values, np.ndarray) else pd.isna(values).to_numpy()
+            if gone.any():
+                self.gaps[name] += int(gone.sum())
+                self._first.setdefault(name, int(rows[gone.argmax()]))
+                if self._features.missing == "drop":
+                    keep &= ~gone
+        self._seen += len(rows)
+        return keep
 
     def add(self, frame: pd.DataFrame, rows: Ints, source: str) -> NDArray[np.bool_]:
         """Look at some rows; which of them stay [n].
@@ -119,31 +148,7 @@ class Survey:
         Raises:
             UserError: a value that is none.
         """
-        import pandas as pd
-
-        made = self._features.made(frame, rows)
-        keep = np.ones(len(rows), dtype=bool)
-        lacking: dict[str, NDArray[np.bool_]] = {}
-        for name, values in made.items():
-            gone = np.isnan(values) if isinstance(values, np.ndarray) else pd.isna(values).to_numpy()
-            if gone.any():
-                lacking[name] = gone
-                self.gaps[name] += int(gone.sum())
-                self._first.setdefault(name, int(rows[gone.argmax()]))
-        if lacking and self._features.missing == "drop":
-            keep = ~np.logical_or.reduce([*lacking.values()])
-        everything = bool(keep.all())
-        some = spread_out(self._seen, len(rows), self._rows, QUANTILES) & keep
-        for name, values in made.items():
-            if name in self.moments:
-                numbers_of = np.asarray(values)
-                self.moments[name].add(numbers_of if everything else numbers_of[keep])
-                self._some[name].append(numbers_of[some])
-            else:
-                series: Any = values
-                self.levels[name].add(series if everything else series[keep], rows[keep], source)
-        self._seen += len(rows)
-        return keep
+        return self.kept(self._features.made(frame, rows), rows)
 
     def complete(self, source: str) -> None:
         """Refuse features without values, where no remedy was asked for.
@@ -152,9 +157,6 @@ class Survey:
             UserError: with how many rows of each column.
         """
         lacking = {name: count for name, count in self.gaps.items() if count}
-        for name, count in lacking.items():
-            if count == self._seen:
-                raise UserError(f"{source}: {name} has no value in any row; leave it out")
         if lacking and self._features.missing == "error":
             counts = ", ".join(f"{name} {count}" for name, count in lacking.items())
             first = next(iter(lacking))
@@ -163,6 +165,53 @@ class Survey:
                 f"{self._first[first]}); fill them in, or say data.missing=mean (the column's mean) or "
                 "data.missing=drop (without these rows)"
             )
+
+
+class Survey(Gaps):
+    """What rows say of features, chunk by chunk.
+
+    Args:
+        features: how they are read. stock: those that are levels. rows: how many there are in all.
+    """
+
+    def __init__(self, features: Features, stock: Sequence[str], rows: int, orders: Mapping[str, Any]) -> None:
+        super().__init__(features)
+        self._stock, self._rows = stock, rows
+        self.moments = {name: Moments() for name, kind in features.kinds.items() if kind == "number"}
+        self.levels = {name: Levels(name, orders.get(name)) for name in features.kinds if name not in self.moments}
+        self._some: dict[str, list[Floats]] = {name: [] for name in self.moments}
+
+    def add(self, frame: pd.DataFrame, rows: Ints, source: str) -> NDArray[np.bool_]:
+        """Look at some rows; which of them stay [n].
+
+        Raises:
+            UserError: a value that is none.
+        """
+        made = self._features.made(frame, rows)
+        first = self._seen
+        keep = self.kept(made, rows)
+        everything = bool(keep.all())
+        some = spread_out(first, len(rows), self._rows, QUANTILES) & keep
+        for name, values in made.items():
+            if name in self.moments:
+                numbers_of = np.asarray(values)
+                self.moments[name].add(numbers_of if everything else numbers_of[keep])
+                self._some[name].append(numbers_of[some])
+            else:
+                series: Any = values
+                self.levels[name].add(series if everything else series[keep], rows[keep], source)
+        return keep
+
+    def complete(self, source: str) -> None:
+        """Refuse features without values, where no remedy was asked for.
+
+        Raises:
+            UserError: with how many rows of each column.
+        """
+        for name, count in self.gaps.items():
+            if count == self._seen:
+                raise UserError(f"{source}: {name} has no value in any row; leave it out")
+        super().complete(source)
         for levels in self.levels.values():
             levels.alike(source)
 

@@ -44,7 +44,7 @@ class Runs:
     def columns(self) -> list[str]:
         """Columns that are needed."""
         roles = self.roles
-        named = [roles.window, roles.group, roles.time, roles.label if self._labelled else None]
+        named = [roles.window or None, roles.group, roles.time, roles.label if self._labelled else None]
         return [*dict.fromkeys(name for name in named if name is not None)]
 
     def add(self, frame: pd.DataFrame, rows: Ints) -> None:
@@ -54,7 +54,9 @@ class Runs:
             UserError: no window, group or time in a row, a label that is no number, labels that differ.
         """
         roles = self.roles
-        window, ids = self._present(frame[roles.window], rows, "window")
+        window, ids = np.arange(len(rows)), rows
+        if roles.window:
+            window, ids = self._present(frame[roles.window], rows, "window")
         group = np.zeros(len(rows), dtype=np.int64)
         if roles.group is not None:
             local, names = self._present(frame[roles.group], rows, "group")
@@ -144,7 +146,7 @@ class Runs:
                 "in all of its rows, or in its last one with nothing (not 0) in the others. Or name another column by "
                 "data.label, data.window or data.group"
             )
-        key = hashed(ids, group, groups)
+        key = hashed(ids, group, groups) if self.roles.window else rows.astype(np.uint64)
         self._whole(key, ids, group, groups, rows)
         steps = np.add.reduceat(lists["steps"], starts)
         if self._clock is None:  # its number in its group

@@ -12,10 +12,11 @@ from credit.core.errors import UserError
 from credit.logged.panel import Ints, Panel, Roles, Windows
 from credit.logged.tables.clock import CALENDAR
 from credit.logged.tables.columns import numbers
-from credit.logged.tables.features import Features, Survey
+from credit.logged.tables.features import Features, Gaps, Survey
 from credit.logged.tables.guesses import Sample
 from credit.logged.tables.keys import Runs
-from credit.logged.tables.roles import check_baseline, settled
+from credit.logged.tables.known import Known
+from credit.logged.tables.roles import Settled, check_baseline, settled
 from credit.logged.tables.second import joined
 from credit.logged.tables.sorting import in_order, twins
 from credit.logged.tables.sources import MEMORY, Source, located
@@ -38,44 +39,67 @@ def opened(data: Any, given: Mapping[str, Any] | None = None, *, memory: int = M
     """
     words = Words.of(given)
     source = located(data, memory)
-    second = _second(words.labels, memory)
+    second = second_of(words.labels, memory)
     what = settled(words, Sample(source.sample(), source.name), second)
     roles, said = what.roles, [*source.said, *what.said]
     features = Features(what.kinds, what.dates, what.calendar, words.missing, source.name)
-    numbered = Runs(roles, what.clock, source.name, second is None)
     extra = [*roles.cost.values(), *([roles.propensity] if roles.propensity else [])]
-    columns = [*dict.fromkeys([*numbered.columns, *features.needed, *extra])]
-
-    runs = _walked(source, numbered)
-    if not runs.ordered:
-        source = in_order(source, columns, roles, what.clock, memory)
-        order = ", ".join(name for name in (roles.group, roles.time) if name)
-        said.append(f"rows were sorted by {order}, equal ones as they lay")
-        runs = _walked(source, Runs(roles, what.clock, source.name, second is None))
-    windows, first = runs.finished()
-    said += _twins(source, [*dict.fromkeys([*numbered.columns, *features.needed])], runs.tied())
+    source, windows, first, more = cut(source, what, [*features.needed], extra, second is None, memory)
+    said += more
     if second is not None:
-        label, more = joined(
-            windows, second, roles, f"data.labels ({words.labels})" if isinstance(words.labels, str) else "data.labels"
-        )
-        windows = replace(windows, label=label)
+        windows, more = labelled(windows, second, roles, words.labels)
         said += more
     _check_labels(windows, first, roles, source.name)
 
     survey = Survey(features, roles.stock, source.rows, {name: CALENDAR[of] for name, of in what.dates.items()})
-    steps = _surveyed(source, survey, [*dict.fromkeys([*features.needed, *extra])], roles, windows.steps)
+    steps = surveyed(source, survey, [*dict.fromkeys([*features.needed, *extra])], roles, windows.steps)
     features.columns = survey.columns()
     baseline = {
         name: check_baseline(value, name, features.columns[name].levels, source.name)
         for name, value in roles.baseline.items()
     }
-    lengths, windows, more = _left(windows, steps, survey, words.missing)
+    lengths, windows, more = left(windows, steps, survey, words.missing)
     if more and words.missing == "drop":
         _check_labels(windows, first[steps > 0], roles, source.name)
-    return Table(source, replace(roles, baseline=baseline), features, windows, lengths, [*said, *more])
+    roles = replace(roles, baseline=baseline)
+    known = Known(roles, what.clock, what.kinds, what.dates, what.calendar, words.missing, features.columns)
+    return Table(source, known, features, windows, lengths, [*said, *more])
 
 
-def _second(labels: Any, memory: int) -> pd.DataFrame | None:
+def cut(
+    source: Source, what: Settled, features: Sequence[str], extra: Sequence[str], in_rows: bool, memory: int
+) -> tuple[Source, Windows, Ints, list[str]]:
+    """Rows in order, cut into windows.
+
+    Args:
+        source: rows as they lie. what: their columns. features: columns that these are made of. extra: further ones
+            that are needed. in_rows: whether labels stand in rows. memory: bytes that may be held.
+
+    Returns:
+        The rows in order, their windows, the first row of each, and what there is to say.
+
+    Raises:
+        UserError: rows without a window, group or time, labels that differ in a window, rows that are there twice.
+    """
+    roles, said = what.roles, []
+    runs = _walked(source, Runs(roles, what.clock, source.name, in_rows))
+    own = [*dict.fromkeys([*runs.columns, *features])]
+    if not runs.ordered:
+        source = in_order(source, [*dict.fromkeys([*own, *extra])], roles, what.clock, memory)
+        order = ", ".join(name for name in (roles.group, roles.time) if name)
+        said.append(f"rows were sorted by {order}, equal ones as they lay")
+        runs = _walked(source, Runs(roles, what.clock, source.name, in_rows))
+    windows, first = runs.finished()
+    return source, windows, first, [*said, *_twins(source, own, runs.tied())]
+
+
+def labelled(windows: Windows, second: pd.DataFrame, roles: Roles, given: Any) -> tuple[Windows, list[str]]:
+    """Windows with their labels from a second table, and what there is to say; `given` is what it was given as."""
+    label, said = joined(windows, second, roles, f"data.labels ({given})" if isinstance(given, str) else "data.labels")
+    return replace(windows, label=label), said
+
+
+def second_of(labels: Any, memory: int) -> pd.DataFrame | None:
     """The second table, which has one row a window."""
     if labels is None:
         return None
@@ -144,6 +168,15 @@ def _check_labels(windows: Windows, first: Ints, roles: Roles, source: str) -> N
             f"{source}: {roles.label} is {known[0]:g} in all windows that have a label, and so nothing can explain it; "
             "name another column by data.label"
         )
+    check_bits(windows, first, roles, source)
+
+
+def check_bits(windows: Windows, first: Ints, roles: Roles, source: str) -> None:
+    """Refuse labels that are no bits where bits were promised.
+
+    Raises:
+        UserError: with the first.
+    """
     if roles.label_is == "binary" and (bad := windows.labelled & ~np.isin(windows.label, (0, 1))).any():
         at = int(bad.argmax())
         raise UserError(
@@ -152,7 +185,7 @@ def _check_labels(windows: Windows, first: Ints, roles: Roles, source: str) -> N
         )
 
 
-def _surveyed(source: Source, survey: Survey, columns: Sequence[str], roles: Roles, lengths: Ints) -> Ints:
+def surveyed(source: Source, survey: Gaps, columns: Sequence[str], roles: Roles, lengths: Ints) -> Ints:
     """Look at all rows; how many of each window stay [W]."""
     ends = np.cumsum(lengths)
     steps, seen = lengths.copy(), 0
@@ -176,7 +209,7 @@ def _surveyed(source: Source, survey: Survey, columns: Sequence[str], roles: Rol
     return steps
 
 
-def _left(windows: Windows, steps: Ints, survey: Survey, missing: str) -> tuple[Ints, Windows, list[str]]:
+def left(windows: Windows, steps: Ints, survey: Gaps, missing: str) -> tuple[Ints, Windows, list[str]]:
     """Lengths of all windows in the source, the windows that are left, and what there is to say of missing values."""
     lacking = {name: count for name, count in survey.gaps.items() if count}
     if not lacking:

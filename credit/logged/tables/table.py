@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from credit.logged.panel import Ints, Panel, Part, Roles, Windows
+from credit.logged.panel import Ints, Panel, Part, Windows
 from credit.logged.tables.features import Features
+from credit.logged.tables.known import Known
 from credit.logged.tables.sources import Source
 
 if TYPE_CHECKING:
@@ -19,14 +20,18 @@ class Table(Panel):
     """A panel over a source of rows that are in order.
 
     Args:
-        source: of rows. roles: of columns. features: how they are read. windows: those that are left. lengths: rows of
-            each window in the source, of those without a row that is left, too. said: what was guessed and done.
+        source: of rows. known: what columns are. features: how they are read. windows: those that are left. lengths:
+            rows of each window in the source, of those without a row that is left, too. said: what was guessed, done.
+
+    Attributes:
+        known: as it was given: enough to read another table in the same way.
     """
 
     def __init__(
-        self, source: Source, roles: Roles, features: Features, windows: Windows, lengths: Ints, said: Sequence[str]
+        self, source: Source, known: Known, features: Features, windows: Windows, lengths: Ints, said: Sequence[str]
     ) -> None:
-        self.source, self.roles, self.columns, self.windows = source.name, roles, features.columns, windows
+        self.known, roles = known, known.roles
+        self.source, self.roles, self.columns, self.windows = source.name, roles, known.columns, windows
         self.rows, self.said = int(windows.steps.sum()), tuple(said)
         self._source, self._features, self._lengths = source, features, lengths
         others = [roles.window, roles.label, roles.time, roles.group, *roles.cost.values(), roles.propensity]
