@@ -16,9 +16,8 @@ from credit.envs.registration import register_soon
 from credit.renamed import answer_old_imports
 
 if TYPE_CHECKING:
-    from credit.api import check, compare, list, sweep, tune
+    from credit.api import check, compare, list, recover, sweep, tune
     from credit.core.errors import UserError
-    from credit.logged.recover import recover
     from credit.runs.composing import compose
     from credit.runs.evaluate import evaluate
     from credit.runs.export import export
@@ -51,7 +50,7 @@ __all__ = [
     "tune",
 ]
 _HOMES = {
-    **dict.fromkeys(("check", "compare", "list", "sweep", "tune"), "api"),
+    **dict.fromkeys(("check", "compare", "list", "recover", "sweep", "tune"), "api"),
     **dict.fromkeys(("Result", "run"), "runs.runner"),
     **dict.fromkeys(("Run", "load"), "runs.load"),
     "UserError": "core.errors",
@@ -59,7 +58,6 @@ _HOMES = {
     "evaluate": "runs.evaluate",
     "export": "runs.export",
     "play": "runs.play",
-    "recover": "logged.recover",
     "resume": "runs.resume",
 }
 

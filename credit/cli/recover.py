@@ -18,7 +18,8 @@ Recover a reward for every row of a table from labels on windows of rows, with i
 
 Usage: credit recover DATA [key=value] ... [-m] [--explain] [--config-dir DIR]
 
-  DATA                   CSV or Parquet: a file, a folder, a pattern in quotes
+  DATA                   CSV or Parquet: a file, a folder, a pattern in quotes; the folder of a finished run; or a
+                         Minari dataset: minari:NAME, or its folder
 
 what the columns are; what is not said is guessed, and it is said what was (--explain: guess only, fit nothing)
   data.window=COLUMN     rows that share a label                        data.label=COLUMN  the label
@@ -28,6 +29,8 @@ what the columns are; what is not said is guessed, and it is said what was (--ex
   data.stock=[E]         levels, not flows                              data.missing=error|drop|mean
   data.baseline={A: 0}   what effects are counted from                  data.cost={A: COLUMN}
   data.calendar=[weekday,month]  what dates become                      data.randomised=[A]  data.propensity=COLUMN
+  data.next_states=[C,D] behind each step (next_…, where there are)     data.sizes={C: 10}   whole numbers, 0 to 9
+  data.steps=T           windows of a Minari dataset (an episode), whose labels are sums of its rewards
 
 models: formulas as in R, with lag(x, k), adstock(x, decay), saturate(x, half), whose numbers are chosen where left out
   reference.formula='1 + price + adstock(tv)'                           (all columns)
@@ -70,6 +73,7 @@ def main(argv: list[str]) -> int:
 
 def _prepared(asked: Sequence[Request]) -> Iterator[tuple[Request, Panel, list[Model]]]:
     """What is asked, with opened tables and models: all that can be refused is, before the first fit."""
+    from credit.cli.recovery_data import resolved
     from credit.logged.tables.opening import opened
     from credit.logged.writing import Folder
 
@@ -78,7 +82,7 @@ def _prepared(asked: Sequence[Request]) -> Iterator[tuple[Request, Panel, list[M
         Folder.require_free(one.folder)
         words = repr(one.ask.data)
         if words not in panels:
-            panels[words] = opened(one.data, one.ask.data)
+            panels[words] = opened(*resolved(one.data, one.ask.data))
         one.ask.require(panels[words])
         yield one, panels[words], one.ask.models(panels[words])
 

@@ -8,6 +8,7 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from credit.cli.recovery_data import is_run, name_of
 from credit.config import classes, files, registry, schema
 from credit.core import signatures
 from credit.core.errors import UserError, nearest
@@ -160,8 +161,13 @@ def _request(data: str, words: Sequence[str], flags: Sequence[str], config_dirs:
 
 def _stem(data: str) -> str:
     """A name for the folder of a table's recovery."""
-    stem = Path(data.rstrip("/*?")).stem or "data"
-    stem = "".join(letter if letter.isalnum() or letter in "_-." else "-" for letter in stem).strip("-.") or "data"
+    stem = name_of(data) if is_run(data) else Path(data.rstrip("/*?")).stem or "data"
+    stem = (
+        "".join(letter if letter.isalnum() or letter in "_-." else "-" for letter in stem)
+        .strip("-.")[-90:]
+        .lstrip("-.")
+        or "data"
+    )
     return stem if is_name(stem) else f"data-{stem}"
 
 
