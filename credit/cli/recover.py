@@ -10,8 +10,8 @@ from credit.cli.main import guarded
 
 if TYPE_CHECKING:
     from credit.cli.recovery_words import Request
-    from credit.logged.models import Model
     from credit.logged.panel import Panel
+    from credit.logged.recovered import AnyModel
 
 HELP = """\
 Recover a reward for every row of a table from labels on windows of rows, with intervals, and where models disagree.
@@ -36,6 +36,9 @@ models: formulas as in R, with lag(x, k), adstock(x, decay), saturate(x, half), 
   reference.formula='1 + price + adstock(tv)'                           (all columns)
   surrogates.NAME.formula='1 + price + bs(day, 4)'                      (actions alone)
   …regularization=NUMBER   λ in windows (chosen by contiguous folds)    …sign={tv: positive}
+or registered reward models (`credit list reward`), with their keys; units are weighed for them as for formulas, unless
+an uncertainty is named; experiment=NAME takes all models of an experiment, its uncertainty and mixer
+  reference=dnn reference.width=32   surrogates.NAME=linear             uncertainty=ensemble uncertainty.KEY=VALUE
   mixer=NAME mixer.KEY=VALUE                                            (relative_mse)
 
 how
@@ -71,7 +74,7 @@ def main(argv: list[str]) -> int:
     return 0
 
 
-def _prepared(asked: Sequence[Request]) -> Iterator[tuple[Request, Panel, list[Model]]]:
+def _prepared(asked: Sequence[Request]) -> Iterator[tuple[Request, Panel, list[AnyModel]]]:
     """What is asked, with opened tables and models: all that can be refused is, before the first fit."""
     from credit.cli.recovery_data import resolved
     from credit.logged.tables.opening import opened
@@ -87,7 +90,7 @@ def _prepared(asked: Sequence[Request]) -> Iterator[tuple[Request, Panel, list[M
         yield one, panels[words], one.ask.models(panels[words])
 
 
-def _one(asked: Request, panel: Panel, models: list[Model]) -> None:
+def _one(asked: Request, panel: Panel, models: list[AnyModel]) -> None:
     from credit.cli.recovery_screen import explained, shown
 
     explained(panel, models, asked)

@@ -46,7 +46,7 @@ def resolved(data: Any, words: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
         own["next_states"] = []
     features = {*words.get("states", own["states"]), *words.get("actions", own["actions"])}
     own["sizes"] = {name: size for name, size in own["sizes"].items() if name in features}
-    return FrameSource(frame, str(data), said=(ADAPTIVE,) if found.agent else ()), own | words
+    return FrameSource(frame, str(data), said=(ADAPTIVE,)), own | words
 
 
 def name_of(data: str) -> str:

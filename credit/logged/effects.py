@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from credit.logged.fits.mixture import mixed
+from credit.logged.fits.mixture import mixed, predicted, summed
 from credit.logged.models import Pass, parts_of
 from credit.logged.panel import Column, Floats, Ints, Part
-from credit.logged.recovering import Recovered
+from credit.logged.recovered import Recovered
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -27,7 +27,8 @@ ROWS = 20_000  # about as many, evenly spread, tell by how much the effect of a 
 class _Sum:
     """What has been added up of one action, or of one of its categories."""
 
-    contrast: list[Floats]  # Σ φ(a) − φ(a₀) of each model
+    plain: Floats  # Σ φ(a) − φ(a₀) of the linear model by which windows are judged
+    contrast: list[Floats]  # Σ r̂(s, a) − r̂(s, a₀) of each model, in every fit [1 + B]
     mixture: Floats  # Σ over the sampled rows of what it has beyond the reference, in every fit [1 + B]
     rows: int = 0  # of which
     sampled: int = 0
@@ -42,6 +43,7 @@ class _Sums:
     column: Column
     baseline: Any
     without: Pass  # the rows where the action always was the baseline
+    plain: Pass | None  # the same, as the plain model sees them, where that is not the reference
     levels: dict[Any, _Sum] = field(default_factory=dict)
 
 
@@ -75,20 +77,40 @@ def baseline_of(found: Recovered, column: Column) -> Any:
     return 0.0 if column.levels is None else column.frequent
 
 
-def _started(found: Recovered, column: Column, columns: list[Ints]) -> _Sums:
+def _started(found: Recovered, column: Column) -> _Sums:
     baseline = baseline_of(found, column)
     levels = [None] if column.levels is None else [level for level in column.levels if level != baseline]
-    without = Pass(found.panel, found.models, columns, replaced=(column.name, baseline))
-    sums = {level: _Sum([np.zeros(len(own)) for own in columns], np.zeros(1 + found.options.draws)) for level in levels}
-    return _Sums(column, baseline, without, sums)
+    replaced = (column.name, baseline)
+    fits = 1 + found.options.draws
+    return _Sums(
+        column,
+        baseline,
+        Pass(found.panel, found.models, found.columns, replaced),
+        _plain(found, replaced),
+        {
+            level: _Sum(
+                np.zeros(len(found.plain_fit.used(found.plain.terms))),
+                [np.zeros(fits) for _ in found.models],
+                np.zeros(fits),
+            )
+            for level in levels
+        },
+    )
+
+
+def _plain(found: Recovered, replaced: tuple[str, Any] | None = None) -> Pass | None:
+    """The rows as the plain model sees them, where that is not the reference."""
+    if found.models[0] is found.plain:
+        return None
+    return Pass(found.panel, [found.plain], [found.plain_fit.used(found.plain.terms)], replaced)
 
 
 def _added_up(found: Recovered) -> list[_Sums]:
     """All actions, in one pass over the rows."""
-    columns = found.columns
-    thetas = [fit.theta[:, own] for fit, own in zip(found.fits, columns, strict=True)]
-    actions = [_started(found, found.panel.columns[name], columns) for name in found.panel.roles.actions]
-    as_is = Pass(found.panel, found.models, columns)
+    thetas = found.thetas
+    actions = [_started(found, found.panel.columns[name]) for name in found.panel.roles.actions]
+    as_is = Pass(found.panel, found.models, found.columns)
+    plain = _plain(found)
     every = max(1, -(-found.panel.rows // ROWS))
     several = len(found.models) > 1
 
@@ -96,14 +118,16 @@ def _added_up(found: Recovered) -> list[_Sums]:
         """What the mixture has beyond the reference [1 + B, n]."""
         what = mixed(designs, thetas, found.mixer, keep=True)
         assert what.draws is not None
-        return np.concatenate([what.credit[None], what.draws]) - thetas[0] @ designs[0].T
+        return np.concatenate([what.credit[None], what.draws]) - predicted(designs[0], thetas[0]).T
 
     for part, at in parts_of(found.panel) if actions else ():
         here = as_is.of(part)
+        plain_here = here[0] if plain is None else plain.of(part)[0]
         sample = np.flatnonzero(np.arange(at.start, at.stop) % every == 0)
         ours = in_all_fits([phi[sample] for phi in here]) if several else None
         for sums in actions:
             there = sums.without.of(part)
+            plain_there = there[0] if sums.plain is None else sums.plain.of(part)[0]
             beyond = None if ours is None else ours - in_all_fits([phi[sample] for phi in there])
             cost = found.panel.roles.cost.get(sums.column.name)
             for level, rows in _rows(part, sums):
@@ -111,8 +135,9 @@ def _added_up(found: Recovered) -> list[_Sums]:
                 total.rows += len(rows)
                 total.units += _units(part, sums, rows)
                 total.cost += 0.0 if cost is None else float(part.frame[cost].to_numpy(np.float64)[rows].sum())
-                for whole, one, other in zip(total.contrast, here, there, strict=True):
-                    whole += (one[rows] - other[rows]).sum(0)
+                total.plain += (plain_here[rows] - plain_there[rows]).sum(0)
+                for whole, theta, one, other in zip(total.contrast, thetas, here, there, strict=True):
+                    whole += summed(theta, one[rows], other[rows])
                 if beyond is not None:
                     own = np.isin(sample, rows)
                     total.sampled += int(own.sum())
@@ -139,11 +164,11 @@ def _rows(part: Part, sums: _Sums) -> Iterator[tuple[Any, Ints]]:
 
 def _lines(found: Recovered, sums: _Sums, level: Any, total: _Sum) -> Iterator[dict[str, Any]]:
     """A row a model, of one action or one of its categories."""
-    action, columns = sums.column.name, found.columns
+    action = sums.column.name
     told, note = total.rows > 0, ""
     if told:
-        whole = np.zeros(len(found.models[0].terms.names))
-        whole[columns[0]] = total.contrast[0]
+        whole = np.zeros(len(found.plain.terms.names))
+        whole[found.plain_fit.used(found.plain.terms)] = total.plain
         told = bool(found.telling.answers(whole[found.told_columns]))
         if not told:
             note = "the windows do not tell it from other columns"
@@ -151,7 +176,7 @@ def _lines(found: Recovered, sums: _Sums, level: Any, total: _Sum) -> Iterator[d
             note = f"{action} is {sums.baseline!r} in every row"
     else:
         note = f"{action} is {level!r} in no row"
-    totals = [fit.theta[:, own] @ change for fit, own, change in zip(found.fits, columns, total.contrast, strict=True)]
+    totals = list(total.contrast)
     if len(found.models) > 1:
         totals.append(totals[0] + total.mixture * (total.rows / max(total.sampled, 1)))
     scales = {"effect": total.rows, "total": 1, "per_unit": total.units}

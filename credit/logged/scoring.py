@@ -12,7 +12,7 @@ from credit.logged.fits.folds import r_squared
 from credit.logged.fits.mixture import mixed
 from credit.logged.models import Pass, aggregated, parts_of
 from credit.logged.panel import Floats, Part
-from credit.logged.recovering import Recovered
+from credit.logged.recovered import Recovered, thetas
 from credit.logged.residuals.balance import balanced
 from credit.logged.residuals.whitening import Layout, errors
 
@@ -66,11 +66,10 @@ def scored(found: Recovered) -> tuple[Scored, Judged]:
     windows = len(found.panel.windows)
     fitted, held_out = np.empty(windows), np.full((models + 1, windows), np.nan)
     columns = found.columns
-    thetas = [fit.theta[:, own] for fit, own in zip(found.fits, columns, strict=True)]
     rows = Pass(found.panel, found.models, columns)
     for part, at in parts_of(found.panel):
         designs = rows.of(part)
-        what = mixed(designs, thetas, found.mixer)
+        what = mixed(designs, found.thetas, found.mixer)
         credit[at], half[at], disagreement[at] = what.credit, found.factor * what.deviation, what.disagreement
         each[:, at], weights[:, at], number[at] = what.each, what.weights, part.frame.index
         own = slice(int(part.window[0]), int(part.window[-1]) + 1)
@@ -92,12 +91,12 @@ def _hold_out(found: Recovered, part: Part, designs: list[Floats], columns: list
     first = int(part.window[0])
     fold = found.folds.fold[part.window]
     sums = np.zeros((len(out), len(part)))
-    for number, thetas in enumerate(found.held):
+    for number, held in enumerate(found.held):
         rows = np.flatnonzero(fold == number)
         if not len(rows):
             continue
         some = [design[rows] for design in designs]
-        what = mixed(some, [theta[:, own] for theta, own in zip(thetas, columns, strict=True)], found.mixer)
+        what = mixed(some, thetas(columns, held), found.mixer)
         sums[:-1, rows], sums[-1, rows] = what.each, what.credit
     out[:] = aggregated(part, sums.T, found.panel.roles).T
     for number, intercepts in enumerate(found.held_intercepts):  # of bits

@@ -39,12 +39,10 @@ class Learned:
 
     Attributes:
         frame: a row a step, in order. words: what its columns are, as `credit recover` has it (`data.*`).
-        agent: whether an agent chose the actions by what it had seen.
     """
 
     frame: pd.DataFrame
     words: Mapping[str, Any]
-    agent: bool
 
 
 def learned(run: str | Path) -> Learned:
@@ -70,7 +68,7 @@ def learned(run: str | Path) -> Learned:
         seeds = [int(place.name.rpartition("-")[2]) for place in places]
         pairs = zip(seeds, frames, strict=True)
         frame = pd.concat([each.assign(**{SEED: seed})[[SEED, *each.columns]] for seed, each in pairs])
-    return Learned(frame.reset_index(drop=True), _words(frame, *first), agent=True)
+    return Learned(frame.reset_index(drop=True), _words(frame, *first))
 
 
 def write(run: str | Path, file: Path) -> Path:

@@ -63,8 +63,9 @@ def opened(name: str, words: Words) -> tuple[FrameSource, dict[str, Any]]:
     if len({tuple(frame.columns) for frame in frames}) > 1:
         raise UserError(f"{name}: its episodes have observations or actions of other sizes; give episodes of one kind")
     frame = pd.concat(frames, ignore_index=True)
-    states = [column for column in frame if column.startswith("observation")]
-    actions = [column for column in frame if column.startswith("action")]
+    names = [str(column) for column in frame]
+    states = [column for column in names if column.startswith("observation")]
+    actions = [column for column in names if column.startswith("action")]
     if actions == ["action"] and frame["action"].dtype.kind in "iub":
         frame["action"] = frame["action"].astype("category")
     what = f"{words.steps} steps of an episode" if words.steps else "an episode (data.steps=T: T steps)"
