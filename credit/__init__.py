@@ -16,10 +16,9 @@ from credit.envs.registration import register_soon
 from credit.renamed import answer_old_imports
 
 if TYPE_CHECKING:
-    from credit.api import check, compare, list, sweep, tune
+    from credit.api import check, compare, list, recover, sweep, tune
     from credit.core.errors import UserError
     from credit.logged.estimator import CreditRegressor
-    from credit.logged.recover import recover
     from credit.logged.saving import load_model
     from credit.runs.composing import compose
     from credit.runs.evaluate import evaluate
@@ -55,7 +54,7 @@ __all__ = [
     "tune",
 ]
 _HOMES = {
-    **dict.fromkeys(("check", "compare", "list", "sweep", "tune"), "api"),
+    **dict.fromkeys(("check", "compare", "list", "recover", "sweep", "tune"), "api"),
     **dict.fromkeys(("Result", "run"), "runs.runner"),
     **dict.fromkeys(("Run", "load"), "runs.load"),
     "CreditRegressor": "logged.estimator",
@@ -65,7 +64,6 @@ _HOMES = {
     "export": "runs.export",
     "load_model": "logged.saving",
     "play": "runs.play",
-    "recover": "logged.recover",
     "resume": "runs.resume",
 }
 

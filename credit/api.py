@@ -16,6 +16,7 @@ from credit.core.errors import UserError, nearest
 
 if TYPE_CHECKING:
     from credit.cli.tuned import Tuned
+    from credit.logged.result import LoggedCredit
     from credit.report.compare import Report
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -99,6 +100,35 @@ def compare(experiment: str = "advertiser", output: str | Path = "outputs", **ch
     if wrong := next((name for name in choices if name not in known), None):
         raise UserError(f"compare has no choice {wrong!r}; {nearest(wrong, known)}")
     return report(Path(output), experiment, **choices)
+
+
+def recover(data: Any, **choices: Any) -> LoggedCredit:
+    """A reward for every row of a table, from labels on windows of rows, with intervals, as `credit recover` finds it.
+
+    Args:
+        data: a pandas frame; a CSV or Parquet file, a folder, a pattern; the folder of a finished run; or a Minari
+            dataset (`minari:NAME`, or its folder). choices: as `credit.logged.recover.recover` has them: reference,
+            surrogates, mixer, what the columns are (window, label, states, actions, …), and how (draws, seed, …).
+
+    Returns:
+        Frames `steps`, `windows`, `effects`, `told`, and what is to be said of them.
+
+    Raises:
+        UserError: with what is wrong with the table or the words.
+
+    Example:
+        >>> found = credit.recover("outputs/advertiser/disagreement/default/seed-0", draws=50)
+        >>> found.steps[["credit", "credit_low", "credit_high", "credit_balanced"]]
+    """
+    from dataclasses import fields
+
+    from credit.cli.recovery_data import resolved
+    from credit.logged.recover import recover as recovered
+    from credit.logged.tables.words import Words
+
+    roles = {one.name for one in fields(Words)}
+    data, words = resolved(data, {name: value for name, value in choices.items() if name in roles})
+    return recovered(data, **{name: value for name, value in choices.items() if name not in roles}, **words)
 
 
 def sweep(overrides: Sequence[str], *, config_dirs: Sequence[str] = (), quiet: bool = True) -> pd.DataFrame:

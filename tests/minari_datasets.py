@@ -9,13 +9,15 @@ import numpy as np
 
 
 def written(name: str, episodes: list[dict[str, Any]], env: str | None = None) -> Any:
-    """A dataset of episodes `{"observations": nested arrays [L + 1, ...], "actions": [L, A]}`."""
+    """Episodes `{"observations": nested arrays [L + 1, ...], "actions": [L, A]}`, and rewards, if not 0."""
     import minari
     from minari.data_collector import EpisodeBuffer
 
     def space(values: Any) -> gymnasium.Space[Any]:
         if isinstance(values, dict):
             return gymnasium.spaces.Dict({key: space(inner) for key, inner in values.items()})
+        if values.dtype.kind == "i":
+            return gymnasium.spaces.Discrete(int(values.max()) + 1)
         return gymnasium.spaces.Box(-np.inf, np.inf, values.shape[1:])
 
     buffers = []
@@ -26,12 +28,13 @@ def written(name: str, episodes: list[dict[str, Any]], env: str | None = None) -
             "terminations": [False] * steps,
             "truncations": [False] * (steps - 1) + [True],
         }
-        buffers.append(EpisodeBuffer(id=number, **episode, **flags))
+        buffers.append(EpisodeBuffer(id=number, **{**flags, **episode}))
+    done = episodes[0]["actions"]
     return minari.create_dataset_from_buffers(
         name,
         buffers,
         env=env,
-        action_space=gymnasium.spaces.Box(-1, 1, episodes[0]["actions"].shape[1:]),
+        action_space=space(done) if done.dtype.kind == "i" else gymnasium.spaces.Box(-1, 1, done.shape[1:]),
         observation_space=space(episodes[0]["observations"]),
         data_format="hdf5",
         description="a test",

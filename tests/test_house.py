@@ -42,7 +42,7 @@ BELOW: dict[str, set[str]] = {  # room → the rooms that it may import, beside 
     "bench": LOOP | READERS | {"config", "runs", "cli", ""},  # the last: `credit` itself, as its users have it
     "testing": LOOP | READERS | {"config", "runs", "cli"},
     "renamed": set(),
-    "api": {"core", "config", "runs", "report", "cli"},  # what commands do, from Python
+    "api": {"core", "config", "logged", "runs", "report", "cli"},  # what commands do, from Python
     "__main__": {"cli"},
     "": {
         "api",

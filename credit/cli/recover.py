@@ -10,8 +10,8 @@ from credit.cli.main import guarded
 
 if TYPE_CHECKING:
     from credit.cli.recovery_words import Request
-    from credit.logged.models import Model
     from credit.logged.panel import Panel
+    from credit.logged.recovered import AnyModel
 
 HELP = """\
 Recover a reward for every row of a table from labels on windows of rows, with intervals, and where models disagree.
@@ -19,7 +19,8 @@ Recover a reward for every row of a table from labels on windows of rows, with i
 Usage: credit recover DATA [key=value] ... [-m] [--explain] [--config-dir DIR]
        credit recover NEW --model DIR [key=value] ... [--explain]
 
-  DATA                   CSV or Parquet: a file, a folder, a pattern in quotes
+  DATA                   CSV or Parquet: a file, a folder, a pattern in quotes; the folder of a finished run; or a
+                         Minari dataset: minari:NAME, or its folder
 
 what the columns are; what is not said is guessed, and it is said what was (--explain: guess only, fit nothing)
   data.window=COLUMN     rows that share a label                        data.label=COLUMN  the label
@@ -29,11 +30,16 @@ what the columns are; what is not said is guessed, and it is said what was (--ex
   data.stock=[E]         levels, not flows                              data.missing=error|drop|mean
   data.baseline={A: 0}   what effects are counted from                  data.cost={A: COLUMN}
   data.calendar=[weekday,month]  what dates become                      data.randomised=[A]  data.propensity=COLUMN
+  data.next_states=[C,D] behind each step (next_…, where there are)     data.sizes={C: 10}   whole numbers, 0 to 9
+  data.steps=T           windows of a Minari dataset (an episode), whose labels are sums of its rewards
 
 models: formulas as in R, with lag(x, k), adstock(x, decay), saturate(x, half), whose numbers are chosen where left out
   reference.formula='1 + price + adstock(tv)'                           (all columns)
   surrogates.NAME.formula='1 + price + bs(day, 4)'                      (actions alone)
   …regularization=NUMBER   λ in windows (chosen by contiguous folds)    …sign={tv: positive}
+or registered reward models (`credit list reward`), with their keys; units are weighed for them as for formulas, unless
+an uncertainty is named; experiment=NAME takes all models of an experiment, its uncertainty and mixer
+  reference=dnn reference.width=32   surrogates.NAME=linear             uncertainty=ensemble uncertainty.KEY=VALUE
   mixer=NAME mixer.KEY=VALUE                                            (relative_mse)
 
 how
@@ -77,8 +83,9 @@ def main(argv: list[str]) -> int:
     return 0
 
 
-def _prepared(asked: Sequence[Request]) -> Iterator[tuple[Request, Panel, list[Model]]]:
+def _prepared(asked: Sequence[Request]) -> Iterator[tuple[Request, Panel, list[AnyModel]]]:
     """What is asked, with opened tables and models: all that can be refused is, before the first fit."""
+    from credit.cli.recovery_data import resolved
     from credit.logged.mixers import saved_mixer
     from credit.logged.tables.opening import opened
     from credit.logged.writing import Folder
@@ -89,12 +96,12 @@ def _prepared(asked: Sequence[Request]) -> Iterator[tuple[Request, Panel, list[M
         saved_mixer(one.ask.mixer)
         words = repr(one.ask.data)
         if words not in panels:
-            panels[words] = opened(one.data, one.ask.data)
+            panels[words] = opened(*resolved(one.data, one.ask.data))
         one.ask.require(panels[words])
         yield one, panels[words], one.ask.models(panels[words])
 
 
-def _one(asked: Request, panel: Panel, models: list[Model]) -> None:
+def _one(asked: Request, panel: Panel, models: list[AnyModel]) -> None:
     from credit.cli.recovery_screen import explained, shown
 
     explained(panel, models, asked)

@@ -12,12 +12,12 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from credit.cli.recovery_words import Request
-    from credit.logged.models import Model
     from credit.logged.panel import Panel
+    from credit.logged.recovered import AnyModel
     from credit.logged.result import LoggedCredit
 
 
-def explained(panel: Panel, models: Sequence[Model], asked: Request) -> None:
+def explained(panel: Panel, models: Sequence[AnyModel], asked: Request) -> None:
     """What the table is taken to be, and what is to be fitted."""
     console, roles, windows = page(), panel.roles, panel.windows
     groups = f" in {len(windows.groups)} groups ({roles.group})" if roles.group else ""

@@ -8,18 +8,19 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from credit.cli.recovery_data import is_run, name_of
 from credit.cli.recovery_model import without_effect
-from credit.config import classes, files, registry, schema
-from credit.core import signatures
+from credit.cli.recovery_parts import WORDS as MODELS
+from credit.cli.recovery_parts import models_of
+from credit.config import files, registry
 from credit.core.errors import UserError, nearest
 from credit.core.naming import is_name
-from credit.core.signatures import signature
 from credit.logged.asking import REFERENCE, Ask
-from credit.logged.recovering import Options
+from credit.logged.recovered import Options
 from credit.logged.tables.words import Words
 
 if TYPE_CHECKING:
-    from credit.core.seams import Mixer
+    pass
 
 SINGLE = ("window", "label", "labels", "time", "group", "propensity")  # words of data that name one thing
 OWN = ("output", "name", "format", "tracking", "from")  # of this command alone
@@ -144,11 +145,10 @@ def _request(data: str, words: Sequence[str], flags: Sequence[str], paths: Seque
         tree = _merged(_file(file), tree)
     problems: list[str] = []
     own = {key: tree.pop(key) for key in OWN if key in tree}
-    mixer = tree.pop("mixer", None)
-    known = [*OWN, "mixer", "data", REFERENCE, "surrogates", *(one.name for one in fields(Options))]
+    known = [*OWN, "mixer", "data", REFERENCE, "surrogates", *MODELS, *(one.name for one in fields(Options))]
     problems += [f"unknown key {key!r}; {nearest(key, known)}" for key in tree if key not in known]
     if model is not None:
-        problems += without_effect([*(["mixer"] if mixer is not None else []), *tree], config_dirs)
+        problems += without_effect([*tree], config_dirs)
     for key, allowed in (("format", FORMATS), ("tracking", TRACKING)):
         if key in own and own[key] not in allowed:
             problems.append(f"{key}={own[key]}: {nearest(str(own[key]), allowed)}")
@@ -156,8 +156,11 @@ def _request(data: str, words: Sequence[str], flags: Sequence[str], paths: Seque
     if not all(is_name(part) for part in name.split("/")):
         problems.append(f"name={name}: {name!r} is no name; {is_name.__doc__}")
     try:
-        built = _mixer(mixer, config_dirs)
-        ask = Ask.of({key: value for key, value in tree.items() if key in known}, built)
+        models = models_of(tree, config_dirs)
+        plain = {key: value for key, value in tree.items() if key in known and key not in ("mixer", *MODELS)}
+        draws = {} if models.draws is None or "draws" in plain else {"draws": models.draws}
+        given = {**plain, **draws, REFERENCE: models.reference, "surrogates": models.surrogates}
+        ask = Ask.of(given, models.mixer)
         Words.of(ask.data)
     except UserError as error:
         problems += str(error).splitlines()
@@ -172,8 +175,13 @@ def _request(data: str, words: Sequence[str], flags: Sequence[str], paths: Seque
 
 def _stem(data: str) -> str:
     """A name for the folder of a table's recovery."""
-    stem = Path(data.rstrip("/*?")).stem or "data"
-    stem = "".join(letter if letter.isalnum() or letter in "_-." else "-" for letter in stem).strip("-.") or "data"
+    stem = name_of(data) if is_run(data) else Path(data.rstrip("/*?")).stem or "data"
+    stem = (
+        "".join(letter if letter.isalnum() or letter in "_-." else "-" for letter in stem)
+        .strip("-.")[-90:]
+        .lstrip("-.")
+        or "data"
+    )
     return stem if is_name(stem) else f"data-{stem}"
 
 
@@ -247,29 +255,3 @@ def _merged(under: Tree, over: Tree) -> Tree:
         old = both.get(key)
         both[key] = _merged(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
     return both
-
-
-def _mixer(given: Any, config_dirs: Sequence[str]) -> Mixer | None:
-    """A registered mixer, by its option and its keys."""
-    if given is None:
-        return None
-    keys = dict(given) if isinstance(given, Mapping) else {"": given}
-    option = str(keys.pop("", keys.pop("option", "relative_mse")))
-    options = files.options("mixer", config_dirs)
-    if option not in options:
-        raise UserError(f"mixer={option}: there is no such mixer; {nearest(option, options)}")
-    node = classes.node_of_option("mixer", option, config_dirs)
-    cls = classes.resolve("mixer", node)
-    hints = signature(cls)
-    for key, value in keys.items():
-        if key not in hints:
-            raise UserError(f"mixer.{key}: unknown key; {nearest(key, hints)}")
-        if reason := signatures.refusal(hints[key][0], value):
-            raise UserError(f"mixer.{key}={value!r}: {reason}")
-    made: Mixer = schema.build({"mixer": node | keys}, "mixer")
-    if made.sees_label_errors:
-        raise UserError(
-            f"mixer={option}: it weighs models by draws that a run's bootstrap holds out, and there are none here; "
-            "relative_mse, best, uniform and reference_only are for logged data"
-        )
-    return made

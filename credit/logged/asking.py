@@ -15,7 +15,8 @@ from credit.core.signatures import signature
 from credit.logged.formulas.terms import Terms
 from credit.logged.models import Model
 from credit.logged.panel import MIXTURE, Panel
-from credit.logged.recovering import Options
+from credit.logged.recovered import AnyModel, Options
+from credit.logged.registered import Chosen, Registered
 
 if TYPE_CHECKING:
     from credit.core.seams import Mixer
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
 MODEL = ("formula", "regularization", "sign")
 REFERENCE = "reference"
+CHOSEN = "chosen"  # key of a registered model, in the place of a formula
 TAKEN = (REFERENCE, MIXTURE)  # names that no surrogate can have
 CARRIED = 8  # actions at most for which it is tried unasked what is carried on
 PLAIN = "actions"  # the surrogate where none is given
@@ -33,8 +35,8 @@ class Ask:
     """A request.
 
     Attributes:
-        data: the words `data.*`. reference: formula, regularization, sign. surrogates: name → the same; None: actions
-            alone, where there are states, too. options: how. mixer: of the models.
+        data: the words `data.*`. reference: formula, regularization, sign; or `chosen`, a registered model. surrogates:
+            name → the same; None: actions alone, where there are states, too. options: how. mixer: of the models.
     """
 
     data: Mapping[str, Any] = field(default_factory=dict)
@@ -58,7 +60,8 @@ class Ask:
         for key, value in options.items():
             if reason := signatures.refusal(signature(Options)[key][0], value):
                 problems.append(f"{key}={value!r}: {reason}")
-        reference = _model(REFERENCE, given.get(REFERENCE) or {}, problems)
+        asked = given.get(REFERENCE)
+        reference = _model(REFERENCE, {} if asked is None else asked, problems)
         surrogates = given.get("surrogates")
         if surrogates is not None:
             if not isinstance(surrogates, Mapping):
@@ -74,25 +77,27 @@ class Ask:
             raise UserError("\n".join(problems))
         return cls(dict(given.get("data") or {}), reference, surrogates, Options(**options), mixer)
 
-    def models(self, panel: Panel) -> list[Model]:
+    def models(self, panel: Panel) -> list[AnyModel]:
         """The models, the reference first.
 
         Raises:
-            UserError: a formula that is none, or a sign of what is not in it.
+            UserError: a formula that is none, a sign of what is not in it, or a registered model that does not fit.
         """
         roles = panel.roles
         actions = _carried(panel)
         reference = dict(self.reference)
-        if reference.get("formula") is None and actions:
+        if reference.get("formula") is None and CHOSEN not in reference and actions:
             reference["formula"] = " + ".join(["1", *actions, *map(quoted, roles.states)])
-        found = [_made(REFERENCE, REFERENCE, reference, panel)]
+        draws = self.options.draws
+        found = [_made(REFERENCE, REFERENCE, reference, panel, draws)]
         surrogates = self.surrogates
         if surrogates is None:
             plain = " + ".join(["1", *(actions or map(quoted, roles.actions))])
             surrogates = {PLAIN: {"formula": plain}} if roles.actions and roles.states and _formulas() else {}
-        found += [_made(f"surrogates.{name}", name, one, panel) for name, one in surrogates.items()]
+        found += [_made(f"surrogates.{name}", name, one, panel, draws) for name, one in surrogates.items()]
         for model in found:
-            model.bound()
+            if isinstance(model, Model):
+                model.bound()
         return found
 
     def require(self, panel: Panel) -> None:
@@ -108,7 +113,7 @@ class Ask:
         elif self.options.residual == "uniform" and self.options.rho is not None:
             raise UserError("rho has no effect: it is of residual=ar1, and residual=uniform is asked; leave one out")
 
-    def recover(self, panel: Panel, models: Sequence[Model] | None = None) -> LoggedCredit:
+    def recover(self, panel: Panel, models: Sequence[AnyModel] | None = None) -> LoggedCredit:
         """Fit the models (None: those that are asked for) to an opened table, and score it."""
         from credit.logged.result import LoggedCredit
         from credit.recovery.mixers import RelativeMSE
@@ -142,11 +147,15 @@ def quoted(name: str) -> str:
 
 
 def _model(path: str, given: Any, problems: list[str]) -> dict[str, Any]:
-    """A model's keys; a text is its formula."""
+    """A model's keys; a text is its formula, an object itself."""
     if isinstance(given, str):
         return {"formula": given}
     if not isinstance(given, Mapping):
-        problems.append(f"{path}={given!r}: a formula belongs here, or a mapping of {', '.join(MODEL)}")
+        if (chosen := Chosen.of(given)) is not None:
+            return {CHOSEN: chosen}
+        problems.append(
+            f"{path}={given!r}: a formula belongs here, a mapping of {', '.join(MODEL)}, or a registered reward model"
+        )
         return {}
     found = dict(given)
     for key, value in given.items():
@@ -163,7 +172,9 @@ def _model(path: str, given: Any, problems: list[str]) -> dict[str, Any]:
     return found
 
 
-def _made(path: str, name: str, given: Mapping[str, Any], panel: Panel) -> Model:
+def _made(path: str, name: str, given: Mapping[str, Any], panel: Panel, draws: int) -> AnyModel:
+    if CHOSEN in given:
+        return Registered.of(name, path, given[CHOSEN], panel, draws)
     try:
         terms = Terms.of(given.get("formula"), panel.columns, panel.roles)
     except UserError as error:

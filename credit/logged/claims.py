@@ -17,7 +17,7 @@ from credit.logged.fits.linear import Fitting
 from credit.logged.fits.ridge import solutions
 from credit.logged.models import windowed
 from credit.logged.panel import INTERCEPT, Column, Floats, Windows
-from credit.logged.recovering import Recovered
+from credit.logged.recovered import Recovered
 from credit.logged.residuals.whitening import Layout, whiten
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def placebo(found: Recovered) -> pd.DataFrame:
     same = np.append(np.diff(windows.group) == 0, False)
     lead = np.where(same[:, None], np.roll(amounts, -1, axis=0), 0.0)
     known = windows.labelled & same
-    x = np.concatenate([found.designs[0][:, found.told_columns], lead], axis=1)
+    x = np.concatenate([found.plain_design[:, found.told_columns], lead], axis=1)
     y = np.where(known, windows.label, 0.0)
     if found.rho != 0:
         layout = Layout.of(windows.steps, windows.group, known, found.panel.roles.label_is)
@@ -64,7 +64,7 @@ def placebo(found: Recovered) -> pd.DataFrame:
     fitting = Fitting(found.folds, found.units, found.options.draws, found.options.seed)
     whole = fitting.moments(x, y, known).sum(0)
     free = _intercept(found)
-    theta = solutions(whole, found.fits[0].penalty[:, None], free)[:, 0, -len(actions) :]
+    theta = solutions(whole, found.plain_fit.penalty[:, None], free)[:, 0, -len(actions) :]
     spread = theta[1:].std(0) * found.units.correction
     half = found.units.quantile(1 - (1 - found.options.level) / len(actions)) * spread
     return pd.DataFrame(
@@ -79,7 +79,7 @@ def placebo(found: Recovered) -> pd.DataFrame:
 
 
 def _intercept(found: Recovered) -> int | None:
-    names = [found.models[0].terms.names[column] for column in found.told_columns]
+    names = [found.plain.terms.names[column] for column in found.told_columns]
     return names.index(INTERCEPT) if INTERCEPT in names else None
 
 

@@ -13,14 +13,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from credit.logged.fits.mixture import mixed
+from credit.logged.fits.mixture import mixed, predicted, summed
 from credit.logged.models import Pass, parts_of
 from credit.logged.panel import Column, Floats, Ints, Part
 from credit.logged.periods import periods
-from credit.logged.recovering import Recovered
+from credit.logged.recovered import Recovered
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from credit.logged.fits.mixture import Theta
 
 ROWS = 20_000  # about as many, evenly spread, tell by how much the effect of a mixture is not the reference's
 
@@ -29,7 +31,8 @@ ROWS = 20_000  # about as many, evenly spread, tell by how much the effect of a 
 class _Sum:
     """What has been added up of one action, or of one of its categories."""
 
-    contrast: list[Floats]  # Σ φ(a) − φ(a₀) of each model
+    plain: Floats  # Σ φ(a) − φ(a₀) of the linear model by which windows are judged
+    contrast: list[Floats]  # Σ r̂(s, a) − r̂(s, a₀) of each model, in every fit [1 + B]
     mixture: Floats  # Σ over the sampled rows of what it has beyond the reference, in every fit [1 + B]
     times: Floats  # by period: rows, Σ of the reference's point fit, sampled rows, Σ over these of `mixture`'s [4, P]
     rows: int = 0  # of which
@@ -45,6 +48,7 @@ class Sums:
     column: Column
     baseline: Any
     without: Pass  # the rows where the action always was the baseline
+    plain: Pass | None  # the same, as the plain model sees them, where that is not the reference
     levels: dict[Any, _Sum] = field(default_factory=dict)
 
 
@@ -93,26 +97,34 @@ def baseline_of(found: Recovered, column: Column) -> Any:
     return 0.0 if column.levels is None else column.frequent
 
 
-def _started(found: Recovered, column: Column, columns: list[Ints], count: int) -> Sums:
+def _started(found: Recovered, column: Column, count: int) -> Sums:
     """Nothing yet, of each of an action's levels, in so many periods."""
     baseline = baseline_of(found, column)
     levels = [None] if column.levels is None else [level for level in column.levels if level != baseline]
-    without = Pass(found.panel, found.models, columns, replaced=(column.name, baseline))
+    replaced, fits = (column.name, baseline), 1 + found.options.draws
+    without = Pass(found.panel, found.models, found.columns, replaced)
 
     def nothing() -> _Sum:
-        return _Sum([np.zeros(len(own)) for own in columns], np.zeros(1 + found.options.draws), np.zeros((4, count)))
+        plain = np.zeros(len(found.plain_fit.used(found.plain.terms)))
+        return _Sum(plain, [np.zeros(fits) for _ in found.models], np.zeros(fits), np.zeros((4, count)))
 
-    return Sums(column, baseline, without, {level: nothing() for level in levels})
+    return Sums(column, baseline, without, _plain(found, replaced), {level: nothing() for level in levels})
+
+
+def _plain(found: Recovered, replaced: tuple[str, Any] | None = None) -> Pass | None:
+    """The rows as the plain model sees them, where that is not the reference."""
+    if found.models[0] is found.plain:
+        return None
+    return Pass(found.panel, [found.plain], [found.plain_fit.used(found.plain.terms)], replaced)
 
 
 def added_up(found: Recovered) -> list[Sums]:
     """All actions, in one pass over the rows."""
-    columns = found.columns
-    thetas = [fit.theta[:, own] for fit, own in zip(found.fits, columns, strict=True)]
-    period = periods(found.panel.windows)
+    thetas, period = found.thetas, periods(found.panel.windows)
     count = int(period.max(initial=-1)) + 1
-    actions = [_started(found, found.panel.columns[name], columns, count) for name in found.panel.roles.actions]
-    as_is = Pass(found.panel, found.models, columns)
+    actions = [_started(found, found.panel.columns[name], count) for name in found.panel.roles.actions]
+    as_is = Pass(found.panel, found.models, found.columns)
+    plain = _plain(found)
     every = max(1, -(-found.panel.rows // ROWS))
     several = len(found.models) > 1
 
@@ -120,15 +132,17 @@ def added_up(found: Recovered) -> list[Sums]:
         """What the mixture has beyond the reference [1 + B, n]."""
         what = mixed(designs, thetas, found.mixer, keep=True)
         assert what.draws is not None
-        return np.concatenate([what.credit[None], what.draws]) - thetas[0] @ designs[0].T
+        return np.concatenate([what.credit[None], what.draws]) - predicted(designs[0], thetas[0]).T
 
     for part, at in parts_of(found.panel) if actions else ():
         here = as_is.of(part)
         when = period[part.window]
+        plain_here = here[0] if plain is None else plain.of(part)[0]
         sample = np.flatnonzero(np.arange(at.start, at.stop) % every == 0)
         ours = in_all_fits([phi[sample] for phi in here]) if several else None
         for sums in actions:
             there = sums.without.of(part)
+            plain_there = there[0] if sums.plain is None else sums.plain.of(part)[0]
             beyond = None if ours is None else ours - in_all_fits([phi[sample] for phi in there])
             cost = found.panel.roles.cost.get(sums.column.name)
             for level, rows in _rows(part, sums):
@@ -136,12 +150,12 @@ def added_up(found: Recovered) -> list[Sums]:
                 total.rows += len(rows)
                 total.units += _units(part, sums, rows)
                 total.cost += 0.0 if cost is None else float(part.frame[cost].to_numpy(np.float64)[rows].sum())
-                for m, (whole, one, other) in enumerate(zip(total.contrast, here, there, strict=True)):
-                    change = one[rows] - other[rows]
-                    whole += change.sum(0)
-                    if m == 0:
-                        total.times[0] += _by(when[rows], np.ones(len(rows)), count)
-                        total.times[1] += _by(when[rows], change @ thetas[0][0], count)
+                total.plain += (plain_here[rows] - plain_there[rows]).sum(0)
+                for whole, theta, one, other in zip(total.contrast, thetas, here, there, strict=True):
+                    whole += summed(theta, one[rows], other[rows])
+                change = _point(thetas[0], here[0][rows]) - _point(thetas[0], there[0][rows])
+                total.times[0] += _by(when[rows], np.ones(len(rows)), count)
+                total.times[1] += _by(when[rows], change, count)
                 if beyond is not None:
                     own = np.isin(sample, rows)
                     total.sampled += int(own.sum())
@@ -156,12 +170,17 @@ def _by(period: Ints, values: Floats, count: int) -> Floats:
     return np.bincount(period, weights=values, minlength=count).astype(np.float64)
 
 
+def _point(theta: Theta, design: Floats) -> Floats:
+    """What the point fit says of rows [n]."""
+    return design @ theta[0] if isinstance(theta, np.ndarray) else predicted(design, theta)[:, 0]
+
+
 def _told(found: Recovered, total: _Sum) -> bool:
     """Whether the windows tell a contrast that is there."""
     if not total.rows:
         return False
-    whole = np.zeros(len(found.models[0].terms.names))
-    whole[found.columns[0]] = total.contrast[0]
+    whole = np.zeros(len(found.plain.terms.names))
+    whole[found.plain_fit.used(found.plain.terms)] = total.plain
     return bool(found.telling.answers(whole[found.told_columns]))
 
 
@@ -184,7 +203,7 @@ def _rows(part: Part, sums: Sums) -> Iterator[tuple[Any, Ints]]:
 
 def _lines(found: Recovered, sums: Sums, level: Any, total: _Sum) -> Iterator[dict[str, Any]]:
     """A row a model, of one action or one of its categories."""
-    action, columns = sums.column.name, found.columns
+    action = sums.column.name
     told, note = _told(found, total), ""
     if not total.rows:
         note = f"{action} is {level!r} in no row"
@@ -192,7 +211,7 @@ def _lines(found: Recovered, sums: Sums, level: Any, total: _Sum) -> Iterator[di
         note = "the windows do not tell it from other columns"
     elif not total.units:
         note = f"{action} is {sums.baseline!r} in every row"
-    totals = [fit.theta[:, own] @ change for fit, own, change in zip(found.fits, columns, total.contrast, strict=True)]
+    totals = list(total.contrast)
     if len(found.models) > 1:
         totals.append(totals[0] + total.mixture * (total.rows / max(total.sampled, 1)))
     scales = {"effect": total.rows, "total": 1, "per_unit": total.units}

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from credit.core.errors import UserError
 from credit.logged.formulas.terms import Terms
 from credit.logged.models import Model
 from credit.logged.panel import Floats, Ints
@@ -18,6 +19,8 @@ from credit.logged.panel import Floats, Ints
 if TYPE_CHECKING:
     from credit.core.seams import Mixer
     from credit.logged.fits.linear import LinearFit
+    from credit.logged.fits.mixture import Predictor
+    from credit.logged.registered import Registered
 
 Arrays = Mapping[str, np.ndarray]
 
@@ -26,7 +29,7 @@ class Part(Protocol):
     """A model and its fits: which columns of its design are used, and what `mixed` makes credit of these by."""
 
     @property
-    def model(self) -> Model: ...  # noqa: D102
+    def model(self) -> Model | Registered: ...  # noqa: D102
     @property
     def columns(self) -> Ints: ...  # noqa: D102
     @property
@@ -94,6 +97,40 @@ class Linear:
         return cls(model, columns.astype(np.int64), theta.astype(np.float64), penalty, dict(plain["chosen"]))
 
 
+@dataclass(frozen=True)
+class Alive:
+    """A registered model that was fitted: it scores rows as long as Python lives, and is not saved.
+
+    Attributes:
+        model: with how rows are steps. theta: predicts all fits.
+    """
+
+    model: Registered
+    theta: Predictor
+    chosen: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def columns(self) -> Ints:
+        """All of its design."""
+        return np.arange(len(self.model.terms.names))
+
+    def saved(self) -> tuple[dict[str, Any], Arrays]:
+        """Refused.
+
+        Raises:
+            UserError: always.
+        """
+        raise UserError(
+            f"{self.model.name} is a registered reward model, and formulas alone are saved; score rows by the result "
+            "that you have, found.predict(frame), or recover with formulas"
+        )
+
+    @classmethod
+    def read(cls, plain: Mapping[str, Any], arrays: Arrays) -> Alive:
+        """Nothing of the kind was saved."""
+        raise ValueError(f"{plain['kind']} is not read")
+
+
 KINDS: dict[str, type[Linear]] = {"linear": Linear}
 
 
@@ -115,9 +152,14 @@ class Fitted:
     nonnegative: bool
 
     @property
-    def models(self) -> tuple[Model, ...]:
+    def models(self) -> tuple[Model | Registered, ...]:
         """Without their fits."""
         return tuple(one.model for one in self.parts)
+
+    @property
+    def saves(self) -> bool:
+        """Whether all of them can be saved."""
+        return all(isinstance(one, Linear) for one in self.parts)
 
     @property
     def names(self) -> tuple[str, ...]:

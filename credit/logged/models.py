@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from credit.core.errors import UserError, nearest
 from credit.logged.formulas.terms import Terms
-from credit.logged.panel import Floats, Panel, Part, Roles
+from credit.logged.panel import Floats, Ints, Panel, Part, Roles
 
 Sign = Literal["positive", "negative"]
 SIGNS = {"positive": 1, "negative": -1}
@@ -51,6 +52,26 @@ class Model:
         return found
 
 
+class Designs(Protocol):
+    """What rows are in the eyes of a model: terms of a formula, or the numbers of a step."""
+
+    @property
+    def names(self) -> Sequence[str]: ...  # noqa: D102
+    @property
+    def stock(self) -> NDArray[np.bool_]: ...  # noqa: D102
+    def design(self, part: Part, state: dict[str, Any], columns: Ints | None = None) -> Floats: ...  # noqa: D102
+    def replaced(  # noqa: D102
+        self, part: Part, state: dict[str, Any], column: str, value: Any, columns: Ints | None = None
+    ) -> Floats: ...
+
+
+class Designed(Protocol):
+    """A model that has a design: linear, or registered."""
+
+    @property
+    def terms(self) -> Designs: ...  # noqa: D102
+
+
 def learned(models: Sequence[Model], panel: Panel) -> list[Model]:
     """The models, with what their terms have to learn from rows: of the first that there are."""
     from dataclasses import replace
@@ -69,14 +90,15 @@ class Pass:
     """One pass over all rows, in order, with what models' terms carry from part to part.
 
     Args:
-        panel: the rows. models: whose designs are wanted. columns: of each design, ascending; None: all.
+        panel: the rows. models: linear or registered ones, whose designs are wanted. columns: of each design, rising;
+            None: all.
         replaced: a feature and the value that it has in all rows; None: as it was.
     """
 
     def __init__(
         self,
         panel: Panel,
-        models: Sequence[Model],
+        models: Sequence[Designed],
         columns: Sequence[np.ndarray | None] | None = None,
         replaced: tuple[str, Any] | None = None,
     ) -> None:
@@ -113,7 +135,7 @@ def aggregated(part: Part, values: Floats, roles: Roles) -> Floats:
     return sums / steps.reshape(-1, *[1] * (values.ndim - 1))
 
 
-def windowed(panel: Panel, models: Sequence[Model], extra: Sequence[str] = ()) -> tuple[list[Floats], Floats]:
+def windowed(panel: Panel, models: Sequence[Designed], extra: Sequence[str] = ()) -> tuple[list[Floats], Floats]:
     """The design of windows of each model [W, D], in one pass; and of further numeric columns of the rows [W, E]."""
     count = len(panel.windows)
     found = [np.empty((count, len(model.terms.names))) for model in models]

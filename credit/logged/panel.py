@@ -40,6 +40,8 @@ class Roles:
         baseline: action → a₀, what an effect is counted from: 0 for numbers, the most frequent of categories.
         cost: action → column with what it cost in each row. randomised: actions that were drawn at random.
         propensity: column with the probability of the action that was taken.
+        sizes: feature that is a whole number, 0 … n − 1 → n. next_states: columns with the states behind each step, in
+            the order of `states`; none where nobody says them.
     """
 
     window: str
@@ -54,6 +56,8 @@ class Roles:
     cost: Mapping[str, str] = field(default_factory=dict)
     randomised: tuple[str, ...] = ()
     propensity: str | None = None
+    sizes: Mapping[str, int] = field(default_factory=dict)
+    next_states: tuple[str, ...] = ()
 
     @property
     def features(self) -> tuple[str, ...]:

@@ -20,9 +20,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from credit.core.errors import UserError
+from credit.logged.fits.linear import LinearFit
 from credit.logged.fits.mixture import mixed
 from credit.logged.panel import Floats, Ints, Panel, Part
-from credit.logged.recovering import Recovered, recover
+from credit.logged.recovered import Recovered
+from credit.logged.recovering import recover
+from credit.logged.registered import Registered
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -89,6 +92,8 @@ def policies(found: Recovered) -> Logged | None:
         return None
     if any(word in name for model in found.models for name in model.terms.names for word in CARRIES):
         return Logged(pd.DataFrame(), (), "no policy is chosen: a model's terms look back, and a state does not say it")
+    if any(isinstance(model, Registered) and "next_state" in model.chosen.model.looks_at for model in found.models):
+        return Logged(pd.DataFrame(), (), "no policy is chosen: a model looks at the state behind a step")
     first = found.units.of % 2 == 0
     try:
         learned = recover(Half(found.panel, first), found.models, found.mixer, found.options)
@@ -122,7 +127,7 @@ def _cells(found: Recovered) -> tuple[pd.DataFrame, Floats, Floats]:
     rows = np.arange(len(frame), dtype=np.int64)
     part = Part(frame, rows, np.zeros(len(frame), dtype=np.int64))
     designs = [model.terms.design(part, {}) for model in found.models]
-    what = mixed(designs, [fit.theta for fit in found.fits], found.mixer)
+    what = mixed(designs, [fit.theta if isinstance(fit, LinearFit) else fit for fit in found.fits], found.mixer)
     return frame, what.credit, what.disagreement
 
 

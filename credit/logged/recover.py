@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from credit.core.errors import UserError, nearest
 from credit.logged.asking import Ask
-from credit.logged.recovering import Options
+from credit.logged.recovered import Options
 from credit.logged.tables.opening import opened
 from credit.logged.tables.words import Words
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from credit.core.seams import Mixer
     from credit.logged.result import LoggedCredit
 
-Formula = str | Mapping[str, Any]
+Formula = str | Mapping[str, Any] | Any  # or a RewardModel
 
 
 def recover(
@@ -30,9 +30,9 @@ def recover(
     """A reward for every row of a table, from labels on windows of rows, with intervals.
 
     Args:
-        data: a pandas frame; or a CSV or Parquet file, a folder, a pattern. reference: the flexible model's formula, or
-            a mapping of formula, regularization and sign; None: all columns. surrogates: name → the same; None: actions
-            alone; {}: none. mixer: of the models; None: relative MSE.
+        data: a pandas frame; a CSV or Parquet file, a folder, a pattern; or a Minari dataset. reference: the flexible
+            model's formula, or a mapping of formula, regularization and sign, or a `RewardModel`; None: all columns.
+        surrogates: name → the same; None: actions alone; {}: none. mixer: of the models; None: relative MSE.
         words: what the columns are (window, label, time, group, states, actions, label_is, …), guessed where it is not
             said, and how (draws, level, folds, gap, residual, rho, nonnegative, seed), as `credit recover --help` lists
             them.

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from annotated_types import Interval
 
 from credit.core.errors import UserError
-from credit.core.ranges import NonNegativeInt, PositiveInt
 from credit.logged.fits.folds import Folds, folds_of
 from credit.logged.fits.linear import Fitting, LinearFit
 from credit.logged.fits.moments import Moments
@@ -19,105 +16,23 @@ from credit.logged.fits.odds import Bits, require_bits
 from credit.logged.fits.refining import refined
 from credit.logged.fits.telling import Telling, remedied, told
 from credit.logged.fits.units import Units, units_of
-from credit.logged.fitted import Fitted, Linear
+from credit.logged.formulas.terms import Terms
 from credit.logged.models import Model, learned, windowed
-from credit.logged.panel import MIXTURE, Floats, Ints, Panel
+from credit.logged.panel import Floats, Panel
+from credit.logged.recovered import AnyModel, Options, Recovered
 from credit.logged.residuals.autocorrelation import estimated_rho
 from credit.logged.residuals.whitening import Layout, whiten
 
 if TYPE_CHECKING:
     from credit.core.seams import Mixer
+    from credit.logged.fits.registered import RegisteredFit
 
+PLAIN = "plain"  # the linear model on all columns, by which windows are judged where the reference is none
 HELD_OUT_DRAWS = 50  # at most, of fits that have not seen a fold
 NEWTON_DRAWS = 40  # at most, by which it is told where a decay may lie
 
 
-@dataclass(frozen=True)
-class Options:
-    """How credit is recovered.
-
-    Args:
-        draws: B, refits by which uncertainty is told. level: of intervals. folds: K, contiguous in time. gap: windows
-            between what is fitted and what is tested; None: as long as residuals hang together. residual: how what is
-            left of a label is given to its rows. rho: ρ of ar1; None: estimated. nonnegative: no balanced credit below
-            0. seed: of the draws.
-    """
-
-    draws: PositiveInt = 200
-    level: Annotated[float, Interval(gt=0, lt=1)] = 0.9
-    folds: PositiveInt = 5
-    gap: NonNegativeInt | None = None
-    residual: Literal["ar1", "uniform"] = "ar1"
-    rho: Annotated[float, Interval(gt=-1, lt=1)] | None = None
-    nonnegative: bool = False
-    seed: NonNegativeInt = 0
-
-
-@dataclass(frozen=True)
-class Recovered:
-    """Models that were fitted to a panel, the reference first.
-
-    Attributes:
-        panel, models, mixer, options: what was asked. fits: of each model. held: θ of each fold and model without it
-            [K][M][1 + b, D]. intercepts, held_intercepts: of bits, else empty. folds, units, rho: what was chosen.
-        telling: what the windows can tell of the reference's columns, by their number in `told_columns`.
-        designs: what windows sum of each model's terms [W, D].
-    """
-
-    panel: Panel
-    models: tuple[Model, ...]
-    mixer: Mixer
-    options: Options
-    fits: tuple[LinearFit, ...]
-    held: tuple[tuple[Floats, ...], ...]
-    intercepts: tuple[Floats, ...]
-    held_intercepts: tuple[tuple[Floats, ...], ...]
-    folds: Folds
-    units: Units
-    rho: float
-    telling: Telling
-    told_columns: np.ndarray
-    designs: tuple[Floats, ...]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Of the models."""
-        return tuple(model.name for model in self.models)
-
-    @property
-    def every_name(self) -> tuple[str, ...]:
-        """Of the models, and the mixture where there are several."""
-        return (*self.names, *([MIXTURE] if len(self.models) > 1 else []))
-
-    @property
-    def columns(self) -> list[Ints]:
-        """Of each model's design, those that are in some fit."""
-        return [fit.used(model.terms) for fit, model in zip(self.fits, self.models, strict=True)]
-
-    @property
-    def factor(self) -> float:
-        """By what a deviation over draws is multiplied to be half an interval; NaN where there is none."""
-        return self.units.quantile(self.options.level) * self.units.correction
-
-    @cached_property
-    def fitted(self) -> Fitted:
-        """What scores rows, apart from the panel."""
-        return Fitted(
-            tuple(Linear.of(model, fit) for model, fit in zip(self.models, self.fits, strict=True)),
-            self.mixer,
-            self.factor,
-            self.rho,
-            float(self.intercepts[0][0]) if self.bits else None,
-            self.options.nonnegative,
-        )
-
-    @property
-    def bits(self) -> bool:
-        """Whether labels are bits."""
-        return self.panel.roles.label_is == "binary"
-
-
-def recover(panel: Panel, models: Sequence[Model], mixer: Mixer, options: Options) -> Recovered:
+def recover(panel: Panel, models: Sequence[AnyModel], mixer: Mixer, options: Options) -> Recovered:
     """Fit models to the labels of windows.
 
     Args:
@@ -130,12 +45,17 @@ def recover(panel: Panel, models: Sequence[Model], mixer: Mixer, options: Option
     bits = panel.roles.label_is == "binary"
     if bits:
         require_bits(panel.windows.label, list(panel.windows.id))
-        if signed := [model.name for model in models if model.signs]:
+        if signed := [model.name for model in models if isinstance(model, Model) and model.signs]:
             raise UserError(f"{signed[0]}: sign: labels are bits, whose models have no signs yet; leave it out")
-    models = learned(models, panel)
-    designs, _ = windowed(panel, models)
+    linear = [model for model in models if isinstance(model, Model)]
+    if not isinstance(models[0], Model):
+        linear = [Model(PLAIN, Terms.of(None, panel.columns, panel.roles)), *linear]
+    linear = learned(linear, panel)
+    designs, _ = windowed(panel, linear)
+    known = {model.name: model for model in linear}
+    models = [known.get(model.name, model) if isinstance(model, Model) else model for model in models]
     fit = _Bits if bits else _Numbers
-    return fit(panel, tuple(models), mixer, options, designs).recovered()
+    return fit(panel, tuple(models), tuple(linear), mixer, options, designs).recovered()
 
 
 def _require_labels(panel: Panel) -> None:
@@ -156,23 +76,67 @@ class _Fit:
     """What fits to numbers and to bits share."""
 
     def __init__(
-        self, panel: Panel, models: tuple[Model, ...], mixer: Mixer, options: Options, designs: list[Floats]
+        self,
+        panel: Panel,
+        every: tuple[AnyModel, ...],
+        models: tuple[Model, ...],
+        mixer: Mixer,
+        options: Options,
+        designs: list[Floats],
     ) -> None:
-        self.panel, self.models, self.mixer, self.options, self.designs = panel, models, mixer, options, designs
+        self.panel, self.every, self.mixer, self.options = panel, every, mixer, options
+        self.models, self.designs = models, designs  # the linear ones, the plain one first
         self.windows, self.known = panel.windows, panel.windows.labelled
         self.rho = 0.0
         self.folds = folds_of(self.windows, options.folds, options.gap or 0)
 
-    def found(self, units: Units, fits: list[LinearFit], held: list[tuple[Floats, ...]], **more: object) -> Recovered:
+    def found(
+        self,
+        units: Units,
+        fits: list[LinearFit],
+        held: list[tuple[Floats, ...]],
+        intercepts: Sequence[Floats] = (),
+        held_intercepts: Sequence[Sequence[Floats]] = (),
+    ) -> Recovered:
+        """All models, of whom the linear ones are fitted; intercepts are of bits."""
         columns = fits[0].columns(self.models[0].terms)
         x = self.designs[0][self.known][:, columns]
-        names = [self.models[0].terms.names[column] for column in columns]
-        telling = told(x.T @ x, names)
+        telling = told(x.T @ x, [self.models[0].terms.names[column] for column in columns])
+        own, own_held = self._registered(units)
+
+        def merged(linear: Sequence[Any], registered: Mapping[str, Any]) -> tuple[Any, ...]:
+            both = {**dict(zip([model.name for model in self.models], linear, strict=True)), **registered}
+            return tuple(both[model.name] for model in self.every)
+
+        def odds(linear: Sequence[Floats], registered: Mapping[str, RegisteredFit]) -> tuple[Floats, ...]:
+            return merged(linear, {name: np.array([fit.intercept]) for name, fit in registered.items()})
+
         return Recovered(
-            self.panel, self.models, self.mixer, self.options, tuple(fits), tuple(held),
-            more.get("intercepts", ()), more.get("held_intercepts", ()),  # type: ignore[arg-type]
-            self.folds, units, self.rho, self._remedied(telling, columns), columns, tuple(self.designs),
+            self.panel, self.every, self.mixer, self.options, merged(fits, own),
+            tuple(merged(*pair) for pair in zip(held, own_held, strict=True)),
+            odds(intercepts, own) if intercepts else (),
+            tuple(odds(*pair) for pair in zip(held_intercepts, own_held, strict=False)),
+            self.folds, units, self.rho, self.models[0], fits[0], self.designs[0], self._remedied(telling, columns),
+            columns,
         )  # fmt: skip
+
+    def _registered(self, units: Units) -> tuple[Mapping[str, RegisteredFit], list[Mapping[str, RegisteredFit]]]:
+        """Registered models, fitted to all windows, and without each fold."""
+        models = [model for model in self.every if not isinstance(model, Model)]
+        count = len(self.folds.of)
+        if not models:
+            return {}, [{} for _ in range(count)]
+        from credit.logged.fits.registered import LARGEST, Team
+        from credit.logged.steps import rows_of
+
+        spaces, options = models[0].terms.spaces, self.options
+        rows = rows_of(self.panel, spaces, LARGEST)
+        team = Team(models, self.every[0].name, spaces, rows, self.windows, units, options.draws, options.seed)
+        whole = team.fitted(self.known, options.draws)
+        if count < 2:  # nobody asks for it
+            return whole, [whole]
+        fitted = [self.known & np.isin(self.folds.piece, pieces) for _, pieces in self.folds.of]
+        return whole, [team.fitted(known, min(options.draws, HELD_OUT_DRAWS)) for known in fitted]
 
     def _remedied(self, telling: Telling, columns: np.ndarray) -> Telling:
         """With what would tell columns apart, by the first rows."""
@@ -228,16 +192,15 @@ class _Numbers(_Fit):
     def _refine(self, points: list[LinearFit], x: Sequence[Floats], y: Floats, units: Units) -> bool:
         """Lay candidates of decays where draws say that they are; whether there are such decays."""
         fitting = Fitting(self.folds, units, min(self.options.draws, NEWTON_DRAWS), self.options.seed)
-        models = []
+        found = dict[str, Model]()
         for model, design, fit in zip(self.models, x, points, strict=True):
-            if not any(free.call for free in model.terms.choices):
-                models.append(model)
-                continue
-            decays = refined(model.terms, fitting.moments(design, y, self.known).sum(0), fit)
-            models.append(replace(model, terms=model.terms.refined(decays)))
-        if models == list(self.models):
+            if any(free.call for free in model.terms.choices):
+                decays = refined(model.terms, fitting.moments(design, y, self.known).sum(0), fit)
+                found[model.name] = replace(model, terms=model.terms.refined(decays))
+        if not found:
             return False
-        self.models = tuple(models)
+        self.models = tuple(found.get(model.name, model) for model in self.models)
+        self.every = tuple(found.get(model.name, model) for model in self.every)
         self.designs, _ = windowed(self.panel, self.models)
         return True
 
@@ -281,4 +244,4 @@ class _Bits(_Fit):
             ]
             held.append(tuple(theta for theta, _ in found))
             held_intercepts.append(tuple(intercept for _, intercept in found))
-        return self.found(units, fits, held, intercepts=tuple(intercepts), held_intercepts=tuple(held_intercepts))
+        return self.found(units, fits, held, intercepts, held_intercepts)

@@ -11,11 +11,13 @@ import numpy as np
 from credit.core.errors import UserError
 from credit.logged import claims
 from credit.logged.effects import Sums, added_up, effects, over_time
+from credit.logged.fits.linear import LinearFit
 from credit.logged.fits.telling import WEAK
-from credit.logged.models import Model
 from credit.logged.panel import Panel
 from credit.logged.policies import Logged, policies
-from credit.logged.recovering import Options, Recovered, recover
+from credit.logged.recovered import AnyModel, Options, Recovered
+from credit.logged.recovering import recover
+from credit.logged.registered import Registered
 from credit.logged.saving import SavedModel
 from credit.logged.scoring import Judged, Scored, frames, in_order, scored, windowed_frame
 
@@ -42,7 +44,7 @@ class LoggedCredit:
         self.found, self.rows, self.judged = found, rows, judged
 
     @classmethod
-    def of(cls, panel: Panel, models: Sequence[Model], mixer: Mixer, options: Options) -> LoggedCredit:
+    def of(cls, panel: Panel, models: Sequence[AnyModel], mixer: Mixer, options: Options) -> LoggedCredit:
         """Fit models, score all rows, judge them."""
         found = recover(panel, models, mixer, options)
         return cls(found, *scored(found))
@@ -93,7 +95,8 @@ class LoggedCredit:
 
     @cached_property
     def told(self) -> pd.DataFrame:
-        """What the windows tell of the reference's columns: column, coefficient, told (yes, badly, no), inflation,
+        """What the windows tell of the reference's columns (of all, where it is no formula): column,
+        coefficient, told (yes, badly, no), inflation,
         partner, relation, remedy."""
         import pandas as pd
 
@@ -103,7 +106,7 @@ class LoggedCredit:
         for number, name in enumerate(telling.names):
             one = relation.get(number)
             weak = telling.inflation[number] > WEAK
-            own = found.fits[0].theta[:, found.told_columns[number]]
+            own = found.plain_fit.theta[:, found.told_columns[number]]
             half = found.factor * own[1:].std() if len(own) > 1 else np.nan
             value = np.nan if one is not None else own[0]
             partner = telling.partner[number]
@@ -176,7 +179,8 @@ class LoggedCredit:
         for name, (alike, last) in self.r_squared.items():
             numbers |= {f"r2_{name}": alike, f"r2_last_{name}": last}
         for name, fit in zip(found.names, found.fits, strict=True):
-            numbers[f"lambda_{name}"] = float(fit.penalty[0])
+            if isinstance(fit, LinearFit):
+                numbers[f"lambda_{name}"] = float(fit.penalty[0])
         for name, weight in zip(found.names, self.rows.weights, strict=True):
             numbers[f"weight_{name}"] = float(weight.mean())
         return numbers
@@ -191,6 +195,15 @@ class LoggedCredit:
         """What was guessed, chosen or left out, a sentence each."""
         found = self.found
         sentences = [*found.panel.said, found.units.said]
+        registered = [model for model in found.models if isinstance(model, Registered)]
+        if own := [model.name for model in registered if model.chosen.own]:
+            others = len(own) < len(found.models)
+            sentences.append(
+                f"intervals of {', '.join(own)} are by the uncertainty that was named, not by units"
+                + ("; its draws are no others' draws, and gaps to other models are larger for it" if others else "")
+            )
+        if registered and found.rho:
+            sentences.append("registered models are fitted to labels as they are: ρ is of formulas and balanced credit")
         if found.options.residual == "ar1" and not found.bits:
             sentences.append(f"what is left of labels lasts from row to row with ρ = {found.rho:.3f}")
         loose = [name for name in found.panel.roles.actions if name not in found.panel.roles.randomised]

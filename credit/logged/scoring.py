@@ -13,7 +13,7 @@ from credit.logged.fits.mixture import mixed
 from credit.logged.fitted import Fitted
 from credit.logged.models import Pass, aggregated, parts_of
 from credit.logged.panel import Floats, Panel, Part
-from credit.logged.recovering import Recovered
+from credit.logged.recovered import Recovered, thetas
 from credit.logged.residuals.balance import balanced
 from credit.logged.residuals.whitening import Layout, errors
 
@@ -111,12 +111,12 @@ def _hold_out(found: Recovered, part: Part, designs: list[Floats], columns: list
     first = int(part.window[0])
     fold = found.folds.fold[part.window]
     sums = np.zeros((len(out), len(part)))
-    for number, thetas in enumerate(found.held):
+    for number, held in enumerate(found.held):
         rows = np.flatnonzero(fold == number)
         if not len(rows):
             continue
         some = [design[rows] for design in designs]
-        what = mixed(some, [theta[:, own] for theta, own in zip(thetas, columns, strict=True)], found.mixer)
+        what = mixed(some, thetas(columns, held), found.mixer)
         sums[:-1, rows], sums[-1, rows] = what.each, what.credit
     out[:] = aggregated(part, sums.T, found.panel.roles).T
     for number, intercepts in enumerate(found.held_intercepts):  # of bits

@@ -71,7 +71,8 @@ class Folder:
         import pandas as pd
 
         self._steps(found.found.panel, found.found.names, found.rows, format)
-        found.model.write(self.path / MODEL)
+        if found.found.fitted.saves:
+            found.model.write(self.path / MODEL)
         for name in ("windows", "effects", "told", "placebo", "labelled", "robustness"):
             getattr(found, name).to_csv(self.path / f"{name}.csv", index=False)
         policy = found.policies

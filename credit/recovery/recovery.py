@@ -79,7 +79,7 @@ class Recovery(CreditAssigner):
         """
         self._check_uncertainties()
         self._check_relabel(problem)
-        self._places = Table(problem, self._cells(problem)) if problem.tabular else Rows(problem)
+        self._places = places_of(self.models, problem)
         self._kind = FLOAT if problem.tabular else torch.float32  # single steps are many
         self._seeds, self._device = problem.seeds, problem.device
         count = len(self.models)
@@ -137,15 +137,6 @@ class Recovery(CreditAssigner):
                 raise UserError(f"{key}: the bonus {name!r} looks at all steps; set it to all, or leave the bonus out")
         if self.scaler is not None:
             self.scaler.like(torch.zeros(0))
-
-    def _cells(self, problem: Problem) -> Cells:
-        axes = {axis for model in self.models for axis in model.looks_at}
-        if "step" in axes and not problem.episodic:
-            raise UserError(
-                "a reward model looks at the step in the window, and windows follow each other here: the step means "
-                "nothing; use models that look at states and actions alone, or an environment with episodes"
-            )
-        return Cells.over(axes, problem.horizon, problem.states, problem.actions)
 
     def fit(self, windows: Windows, problem: Problem) -> Recovery:
         """Learn from windows that are there, from the beginning; itself.
@@ -349,6 +340,23 @@ def _as(estimate: Estimate, kind: torch.dtype) -> Estimate:
         return estimate
     draws = None if estimate.draws is None else estimate.draws.to(kind)
     return Estimate(estimate.mean.to(kind), estimate.variance.to(kind), draws)
+
+
+def places_of(models: Sequence[RewardModel], problem: Problem) -> Table | Rows:
+    """Where the pseudo-reward of several models is defined: the cells that one of them tells apart, or the steps taken.
+
+    Raises:
+        UserError: a model looks at the step of windows that follow each other; or the cells are too many.
+    """
+    if not problem.tabular:
+        return Rows(problem)
+    axes = {axis for model in models for axis in model.looks_at}
+    if "step" in axes and not problem.episodic:
+        raise UserError(
+            "a reward model looks at the step in the window, and windows follow each other here: the step means "
+            "nothing; use models that look at states and actions alone, or an environment with episodes"
+        )
+    return Table(problem, Cells.over(axes, problem.horizon, problem.states, problem.actions))
 
 
 def names_of(models: Sequence[RewardModel]) -> tuple[str, ...]:

@@ -1,4 +1,5 @@
-"""A kept policy as an ONNX file, for where there is no credit and no Python: a phone, a browser, a controller."""
+"""What a run has for others, by the ending of the file: its policy as ONNX, for where there is no credit and no Python
+(a phone, a browser, a controller), or the windows that it learned from as a table."""
 
 from __future__ import annotations
 
@@ -16,24 +17,29 @@ from torch import Tensor
 
 from credit.core.errors import RAISED, UserError
 from credit.core.version import __version__
+from credit.runs import steps
 from credit.runs.evaluate import seeds_of
 from credit.runs.policies import POLICY, Kept, read
 
-SUFFIX = ".onnx"
+SUFFIX, TABLES = ".onnx", (".csv", ".parquet")
+ENDINGS = f"{SUFFIX} (its policy), or in {' or '.join(TABLES)} (the windows that it learned from)"
 INPUTS, OUTPUTS = ("observation", "step"), ("action",)
+BEHAVIOUR = "behaviour"
 TRIED = 16  # observations on which the file must do as the policy does
 ALIKE = 1e-4  # of actions that are numbers: other libraries add in another order
 
 
-def export(run: str | Path, file: str | Path, policy: str = "behaviour") -> Path:
-    """Write the policy of a run as an ONNX file, which does what the policy does: that is tried before it is written.
+def export(run: str | Path, file: str | Path, policy: str = BEHAVIOUR) -> Path:
+    """Write a run's policy as an ONNX file, or the windows that it learned from as a table, as the file's ending says.
 
-    Its inputs are `observation`, [1, O] float32 (what the environment shows, as `gymnasium.spaces.flatten` has it) or
-    [1] int64 where that is a number, and `step` [1] int64, that of the episode. Its output is `action` [1, ...], in the
-    environment's own space.
+    A policy's file does what the policy does: that is tried before it is written. Its inputs are `observation`, [1, O]
+    float32 (what the environment shows, as `gymnasium.spaces.flatten` has it) or [1] int64 where that is a number, and
+    `step` [1] int64, that of the episode. Its output is `action` [1, ...], in the environment's own space. A table has
+    a row a step, and the label in the last row of its window (`runs/steps.py`): what `credit recover` reads.
 
     Args:
-        run: the folder of a seed, or of all seeds of a run: then the first. file: ends in .onnx; its folder is there.
+        run: the folder of a seed, or of all seeds of a run: then the first one's policy, or the windows of all.
+        file: ends in .onnx, .csv or .parquet; its folder is there.
         policy: which, where a run has several: `greedy` without bonus, `averaged`, …
 
     Returns:
@@ -47,10 +53,16 @@ def export(run: str | Path, file: str | Path, policy: str = "behaviour") -> Path
         PosixPath('cartpole.onnx')
     """
     target = Path(file)
-    if target.suffix != SUFFIX:
-        raise UserError(f"{target}: policies are written as ONNX; give a file that ends in {SUFFIX}")
+    if target.suffix not in (SUFFIX, *TABLES):
+        raise UserError(f"{target}: what is written follows from the ending; give a file that ends in {ENDINGS}")
     if not target.parent.is_dir():
         raise UserError(f"{target}: there is no folder {target.parent}; make it first")
+    if target.suffix in TABLES:
+        if policy != BEHAVIOUR:
+            raise UserError(
+                f"policy={policy} has no effect: {target} is a table of windows; leave it out, or write .onnx"
+            )
+        return steps.write(run, target)
     if not importlib.util.find_spec("onnxscript"):
         raise UserError("PyTorch writes ONNX by onnxscript, which is not installed; pip install 'credit-rl[onnx]'")
     folder = seeds_of(Path(run))[0]

@@ -94,7 +94,7 @@ def test_what_is_held_out_was_not_seen() -> None:
     frame = table(windows=60, groups=2)
     one = found(frame, surrogates={"x": "1 + x"}, rho=0.0, reference={"formula": "1 + x + z", "regularization": 2.0})
     r = one.found
-    x, y = r.designs[0], r.panel.windows.label
+    x, y = r.plain_design, r.panel.windows.label
     for number, (tested, fitted) in enumerate(r.folds.of):
         inside, outside = np.isin(r.folds.piece, fitted), np.isin(r.folds.piece, tested)
         theta = solutions(plain(x[inside], y[inside]), np.array([2.0]), 0)[0]

@@ -16,12 +16,14 @@ from credit.logged.panel import Floats
 Rows = tuple[Floats, Floats, Floats, Floats, Floats]
 
 
-def relative_mse_rows(p: Floats, alpha: float, epsilon: float, draws: Floats | None = None) -> Rows:
+def relative_mse_rows(
+    p: Floats, alpha: float, epsilon: float, draws: Floats | None = None, beyond: Floats | None = None
+) -> Rows:
     """Mix predictions by relative MSE (14), every draw by weights of its own.
 
     Args:
         p: predictions [M, n, 1 + B], the point fit first, B ≥ 1. alpha, epsilon: of the mixer.
-        draws: filled with those of the mixture [n, B].
+        draws: filled with those of the mixture [n, B]. beyond: what variances are larger than those of draws [M, n].
 
     Returns:
         Credit [n], its deviation over draws [n], weights [M, n], proxies [M, n], Δ̂² [M − 1, n].
@@ -30,7 +32,8 @@ def relative_mse_rows(p: Floats, alpha: float, epsilon: float, draws: Floats | N
     found = (np.empty(rows), np.empty(rows), np.empty((models, rows)), np.empty((models, rows)))
     between = np.empty((models - 1, rows))
     kept = np.empty((0, p.shape[2] - 1)) if draws is None else draws
-    _compiled()(p, alpha, epsilon, *found, between, kept)
+    more = np.zeros((models, rows)) if beyond is None else beyond
+    _compiled()(p, alpha, epsilon, more, *found, between, kept)
     return *found, between
 
 
@@ -45,6 +48,7 @@ def _compiled() -> Any:
         p: Any,
         alpha: Any,
         epsilon: Any,
+        beyond: Any,
         credit: Any,
         deviation: Any,
         weights: Any,
@@ -65,7 +69,7 @@ def _compiled() -> Any:
                 total = 0.0
                 for b in range(1, fits):
                     total += (p[j, i, b] - mean) ** 2
-                variance[j] = total / draws
+                variance[j] = total / draws + beyond[j, i]
                 mse[j, i] = variance[j]
                 gap_variance[j] = 0.0
                 if j > 0:

@@ -7,7 +7,7 @@ of its own would spread as those of the fits do, so that Δ̂²_j of draw b is t
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from credit.core.seams import Mixer
 
 CACHED = 400_000  # numbers that are looked at together
+PREDICTED = 10_000  # rows of which registered models are asked together
+# Of a design [n, F]: predictions [n, 1 + B], and by how much a variance is larger than that of these draws [n]
+Predictor = Callable[[Floats], tuple[Floats, Floats]]
+Theta = Floats | Predictor
 
 
 @dataclass(frozen=True)
@@ -41,25 +45,27 @@ class Mixed:
     draws: Floats | None = None
 
 
-def mixed(designs: Sequence[Floats], thetas: Sequence[Floats], mixer: Mixer, keep: bool = False) -> Mixed:
+def mixed(designs: Sequence[Floats], thetas: Sequence[Theta], mixer: Mixer, keep: bool = False) -> Mixed:
     """Mix the models' predictions of rows, a few rows at a time, on all processors that this process may use.
 
     Args:
-        designs: φ of each model [n, d]. thetas: its coefficients, the point fit first [1 + B, d]. mixer: of proxies.
-        keep: whether all draws of the mixture are returned.
+        designs: φ of each model [n, d]. thetas: its coefficients, the point fit first [1 + B, d], or what predicts rows
+            with such a φ. mixer: of proxies. keep: whether all draws of the mixture are returned.
     """
-    count, fits = len(designs[0]), len(thetas[0])
-    at_once = max(1, CACHED // (fits * len(designs)))
-    across = [np.ascontiguousarray(theta.T) for theta in thetas]
+    count, fits = len(designs[0]), 1 + draws_of(thetas[0])
+    plain = all(isinstance(theta, np.ndarray) for theta in thetas)
+    at_once = max(1, CACHED // (fits * len(designs))) if plain else PREDICTED
+    across = [np.ascontiguousarray(theta.T) if isinstance(theta, np.ndarray) else theta for theta in thetas]
 
     def of(first: int) -> Mixed:
-        pairs = zip(designs, across, strict=True)
-        return _mixed(np.stack([design[first : first + at_once] @ theta for design, theta in pairs]), mixer, keep)
+        parts = [design[first : first + at_once] for design in designs]
+        found = [_predicted(part, theta) for part, theta in zip(parts, across, strict=True)]
+        return _mixed(np.stack([values for values, _ in found]), np.stack([beyond for _, beyond in found]), mixer, keep)
 
-    with ThreadPoolExecutor(_processors()) as pool:
+    with ThreadPoolExecutor(_processors() if plain else 1) as pool:
         parts = list(pool.map(of, range(0, count, at_once)))
     if not parts:
-        parts = [_mixed(np.zeros((len(designs), 0, fits)), mixer, keep)]
+        parts = [_mixed(np.zeros((len(designs), 0, fits)), np.zeros((len(designs), 0)), mixer, keep)]
     return Mixed(
         np.concatenate([part.credit for part in parts]),
         np.concatenate([part.deviation for part in parts]),
@@ -70,31 +76,62 @@ def mixed(designs: Sequence[Floats], thetas: Sequence[Floats], mixer: Mixer, kee
     )
 
 
+def draws_of(theta: Theta) -> int:
+    """B."""
+    return len(theta) - 1 if isinstance(theta, np.ndarray) else int(theta.draws)  # type: ignore[attr-defined]
+
+
+def _predicted(design: Floats, across: Theta) -> tuple[Floats, Floats]:
+    """By θᵀ [d, 1 + B], or by what predicts itself."""
+    return (design @ across, np.zeros(len(design))) if isinstance(across, np.ndarray) else across(design)
+
+
+def predicted(design: Floats, theta: Theta) -> Floats:
+    """What all fits predict of rows [n, 1 + B]."""
+    if isinstance(theta, np.ndarray):
+        return design @ theta.T
+    firsts = range(0, len(design), PREDICTED)
+    parts = [theta(design[first : first + PREDICTED])[0] for first in firsts]
+    return np.concatenate(parts) if parts else np.zeros((0, 1 + draws_of(theta)))
+
+
+def summed(theta: Theta, here: Floats, there: Floats) -> Floats:
+    """Σ over rows of what all fits predict more of the first than of the second [n, d]: [1 + B]."""
+    if isinstance(theta, np.ndarray):
+        return theta @ (here - there).sum(0)
+    total = np.zeros(1 + draws_of(theta))
+    for first in range(0, len(here), PREDICTED):
+        own = slice(first, first + PREDICTED)
+        total += (theta(here[own])[0] - theta(there[own])[0]).sum(0)
+    return total
+
+
 def _processors() -> int:
     """How many this process may use; not every system tells."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _mixed(predictions: Floats, mixer: Mixer, keep: bool) -> Mixed:
-    """Of predictions [M, n, 1 + B]."""
+def _mixed(predictions: Floats, beyond: Floats, mixer: Mixer, keep: bool) -> Mixed:
+    """Of predictions [M, n, 1 + B] whose variance is larger than that of their draws by so much [M, n]."""
     from credit.recovery.mixers import RelativeMSE
 
     models, _, fits = predictions.shape
     if models == 1:
         own = predictions[0]
         deviation = own[:, 1:].std(1) if fits > 1 else np.zeros(len(own))
-        return Mixed(own[:, 0], deviation, own[None, :, 0], np.ones((1, len(own))), deviation, own[:, 1:].T)
+        signal = np.sqrt(np.maximum(deviation**2 + beyond[0], 0))
+        return Mixed(own[:, 0], deviation, own[None, :, 0], np.ones((1, len(own))), signal, own[:, 1:].T)
     if type(mixer) is not RelativeMSE or fits == 1 or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
-        return of_tensors(predictions, mixer)
+        return of_tensors(predictions, mixer, beyond)
     draws = np.empty((predictions.shape[1], fits - 1)) if keep else None
-    credit, deviation, weights, mse, between = relative_mse_rows(predictions, mixer.alpha, mixer.epsilon, draws)
+    credit, deviation, weights, mse, between = relative_mse_rows(predictions, mixer.alpha, mixer.epsilon, draws, beyond)
     best = mse.argmin(0)
     signal = np.sqrt(np.concatenate([mse[:1], between])[best, np.arange(len(best))])
     each = np.ascontiguousarray(predictions[..., 0])
     return Mixed(credit, deviation, each, weights, signal, None if draws is None else draws.T)
 
 
-def of_tensors(predictions: Floats, mixer: Mixer) -> Mixed:
+def of_tensors(predictions: Floats, mixer: Mixer, beyond: Floats | None = None) -> Mixed:
     """The mixture of predictions [M, n, 1 + B] of two models or more by the paper's equations, for any mixer."""
     import torch
 
@@ -104,6 +141,8 @@ def of_tensors(predictions: Floats, mixer: Mixer) -> Mixed:
     every = torch.from_numpy(predictions)
     point, others = every[..., 0], every[..., 1:] if every.shape[-1] > 1 else every
     variance = others.var(-1, correction=0)
+    if beyond is not None:
+        variance = variance + torch.from_numpy(beyond)
     gaps = others[:1] - others[1:]
     between = gaps.square().mean(-1)
     mse = torch.cat([variance[:1], variance[1:] + between])

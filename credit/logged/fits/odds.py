@@ -20,6 +20,7 @@ from credit.logged.fits.units import Units
 from credit.logged.panel import Floats, Ints
 
 WIDE = 100.0  # variance of the intercept's prior: a label that is always the same must not lead to infinity
+NEWTON, CLOSE = 100, 1e-10  # steps at most, and the last one, for an intercept alone
 NUMBERS = 20_000_000  # that are looked at together
 
 
@@ -117,6 +118,18 @@ class Bits:
             theta[first : first + at_once, columns] = found[:, :-1].numpy() / scale
             intercept[first : first + at_once] = found[:, -1].numpy()
         return theta, intercept
+
+
+def intercept(sums: Floats, bits: Floats) -> float:
+    """b that makes bits most likely whose log-odds are b and a sum [W]: Newton's method, with the prior of all fits."""
+    found = 0.0
+    for _ in range(NEWTON):
+        chance = 1 / (1 + np.exp(-np.clip(sums + found, -500, 500)))
+        step = ((bits - chance).sum() - found / WIDE) / ((chance * (1 - chance)).sum() + 1 / WIDE)
+        found += float(np.clip(step, -5, 5))
+        if abs(step) < CLOSE:
+            break
+    return found
 
 
 def require_bits(labels: Floats, ids: Sequence[object]) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from credit.logged.fitted import Linear
 from credit.logged.report.gathered import Gathered, Share
 from credit.logged.report.names import called, named
 from credit.logged.report.numbers import interval, number, percent, short
@@ -141,9 +142,9 @@ def details(result: LoggedCredit) -> list[tuple[str, Table]]:
     columns = {"column": "column", "told": "told", "coefficient": "coefficient", "low": "low", "high": "high"}
     columns |= {"inflation": "variance inflation", "partner": "moves with"}
     fits: list[list[str | Cell]] = [
-        [name, count(float(fit.penalty[0])), short(model.terms.formula or "1 + every column", 400),
-         short(", ".join(result.chosen[name].values()) or "—", 400)]
-        for name, model, fit in zip(found.names, found.models, found.fits, strict=True)
+        [one.model.name, count(float(one.penalty[0])) if isinstance(one, Linear) else "its own",
+         short(one.model.terms.formula or "1 + every column", 400), short(", ".join(one.chosen.values()) or "—", 400)]
+        for one in found.fitted.parts
     ]  # fmt: skip
     tables = [
         ("Columns that the windows tell apart", of_frame(told, "told.csv", columns)),

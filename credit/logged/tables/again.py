@@ -91,8 +91,9 @@ def _settled(words: Words, sample: Sample, labels: pd.DataFrame | None, known: K
     elif not label:
         said.append(f"there is no column {roles.label!r} (data.label), and so labels are predicted alone")
     roles = replace(
-        roles, window=window, label=label, time=time, group=group, baseline={}, cost={}, randomised=(), propensity=None
-    )
+        roles, window=window, label=label, time=time, group=group, baseline={}, cost={}, randomised=(), propensity=None,
+        next_states=roles.next_states if all(name in sample.kinds for name in roles.next_states) else (),
+    )  # fmt: skip
     return Settled(roles, clock, known.kinds, known.dates, calendar, tuple(said))
 
 

@@ -10,6 +10,7 @@ from credit.core.errors import UserError
 from credit.logged.tables.clock import CALENDAR
 from credit.logged.tables.columns import LEVELS, codes, odd_one
 from credit.logged.tables.guesses import Sample, named, whole
+from credit.logged.tables.words import BEHIND
 
 ACTION = ("action", "spend", "spending", "budget", "bid", "price", "discount", "promo", "promotion", "coupon", "dose",
           "treatment", "treat", "tv", "radio", "print", "ooh", "billboard", "search", "social", "display", "email",
@@ -44,6 +45,8 @@ def _unfit(sample: Sample, name: str, label: str | None) -> str | None:
         return "it has no values"
     if what == "other":
         return "it holds neither numbers nor words"
+    if name.startswith(BEHIND):
+        return "by its name it came behind the step"
     if named(name, LEAK) is not None:
         return "by its name it tells what is looked for, or how it was drawn"
     if sample.dated(name):

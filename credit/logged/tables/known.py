@@ -11,7 +11,7 @@ from credit.logged.tables.clock import Clock
 from credit.logged.tables.columns import Kind
 from credit.logged.tables.words import Missing
 
-LISTS = ("states", "actions", "stock", "randomised")  # of roles
+LISTS = ("states", "actions", "stock", "randomised", "next_states")  # of roles
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import numpy as np
 
 from credit.core.errors import UserError
 from credit.logged.panel import Ints, Panel, Roles, Windows
+from credit.logged.tables import minari
 from credit.logged.tables.clock import CALENDAR
 from credit.logged.tables.columns import numbers
 from credit.logged.tables.features import Features, Gaps, Survey
@@ -31,19 +32,25 @@ def opened(data: Any, given: Mapping[str, Any] | None = None, *, memory: int = M
     """Open a table of steps with labels on windows.
 
     Args:
-        data: a path, a pattern, a folder, a list of paths, or a pandas frame. given: the words `data.*` (`Words`).
+        data: a path, a pattern, a folder, a list of paths, a pandas frame, or a Minari dataset. given: the words
+            `data.*` (`Words`).
         memory: bytes of a table that may be held whole; larger files are read in parts.
 
     Raises:
         UserError: whatever is wrong with it, with column, row, value and remedy. Rows are counted from 0.
     """
     words = Words.of(given)
+    if (name := minari.dataset(data)) is not None:
+        data, own = minari.opened(name, words)
+        words = Words.of(own | {word: value for word, value in (given or {}).items() if value is not None})
+    elif words.steps is not None:
+        raise UserError("data.steps has no effect: it is of a Minari dataset; a table says its windows in a column")
     source = located(data, memory)
     second = second_of(words.labels, memory)
     what = settled(words, Sample(source.sample(), source.name), second)
     roles, said = what.roles, [*source.said, *what.said]
     features = Features(what.kinds, what.dates, what.calendar, words.missing, source.name)
-    extra = [*roles.cost.values(), *([roles.propensity] if roles.propensity else [])]
+    extra = [*roles.cost.values(), *([roles.propensity] if roles.propensity else []), *roles.next_states]
     source, windows, first, more = cut(source, what, [*features.needed], extra, second is None, memory)
     said += more
     if second is not None:
@@ -197,6 +204,8 @@ def surveyed(source: Source, survey: Gaps, columns: Sequence[str], roles: Roles,
         seen += len(rows)
         for name in roles.cost.values():
             numbers(frame[name], rows, source.name, "a cost")
+        for name in roles.next_states:
+            numbers(frame[name], rows, source.name, "a state behind a step")
         if roles.propensity is not None:
             values = numbers(frame[roles.propensity], rows, source.name, "a probability")
             if (bad := ~((values > 0) & (values <= 1))).any():

@@ -15,7 +15,7 @@ from credit.logged.tables.clock import CALENDAR, Clock
 from credit.logged.tables.columns import Kind
 from credit.logged.tables.guesses import Sample
 from credit.logged.tables.second import in_second
-from credit.logged.tables.words import Words
+from credit.logged.tables.words import BEHIND, Words
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -73,7 +73,7 @@ def settled(words: Words, sample: Sample, labels: pd.DataFrame | None) -> Settle
     said += _guessed(words, window, label, time, group)
 
     made, calendar = _calendar(words, sample, clock, columns)
-    used = {window, label, time, group, words.propensity, *words.cost.values()}
+    used = {window, label, time, group, words.propensity, *words.cost.values(), *(words.next_states or ())}
     states, actions, more = _features(
         words, sample, [name for name in columns if name not in used], label, group, window
     )
@@ -86,6 +86,7 @@ def settled(words: Words, sample: Sample, labels: pd.DataFrame | None) -> Settle
         else:
             kinds[name] = _usable(name, sample, {"data.window": window, "data.label": label})
     _about_actions(words, (*actions,), source)
+    _about_features(words, states, (*actions, *states), source)
     for name in words.stock:
         if name not in kinds:
             raise UserError(f"{source}: data.stock names {name!r}, which is no feature; {nearest(name, kinds)}")
@@ -102,7 +103,7 @@ def settled(words: Words, sample: Sample, labels: pd.DataFrame | None) -> Settle
             f"{', '.join(levels)} may be a level, of which a window has a mean: say data.stock=[{', '.join(levels)}]"
         )
     roles = Roles(window, label, time, group, states, tuple(actions), words.stock, label_is, words.baseline, words.cost,
-                  words.randomised, words.propensity)  # fmt: skip
+                  words.randomised, words.propensity, words.sizes, _behind(words, states, columns))  # fmt: skip
     return Settled(roles, clock, kinds, made, calendar, tuple(said))
 
 
@@ -114,7 +115,12 @@ def _there(words: Words, columns: Sequence[str], source: str, labels: pd.DataFra
     for word, name in singles.items():
         if name and name not in columns:
             raise UserError(f"{source}: data.{word}={name}: there is no such column; {nearest(str(name), columns)}")
-    several = {"states": words.states, "actions": words.actions, "cost": words.cost.values()}
+    several = {
+        "states": words.states,
+        "actions": words.actions,
+        "cost": words.cost.values(),
+        "next_states": words.next_states,
+    }
     for word, names in several.items():
         for name in names or ():
             if name not in columns:
@@ -213,6 +219,25 @@ def _about_actions(words: Words, actions: Sequence[str], source: str) -> None:
         for name in names:
             if name not in actions:
                 raise UserError(f"{source}: data.{word} names {name!r}, which is no action; {nearest(name, actions)}")
+
+
+def _about_features(words: Words, states: Sequence[str], features: Sequence[str], source: str) -> None:
+    for name in words.sizes:
+        if name not in features:
+            raise UserError(f"{source}: data.sizes names {name!r}, which is no feature; {nearest(name, features)}")
+    if words.next_states and len(words.next_states) != len(states):
+        raise UserError(
+            f"{source}: data.next_states names {len(words.next_states)} columns, and there are {len(states)} states "
+            f"({', '.join(states)}); name one for each, in their order"
+        )
+
+
+def _behind(words: Words, states: Sequence[str], columns: Sequence[str]) -> tuple[str, ...]:
+    """The columns of the states behind a step: as said, or called as the states with `next_` before."""
+    if words.next_states is not None:
+        return words.next_states
+    named = tuple(f"{BEHIND}{name}" for name in states)
+    return named if all(name in columns for name in named) else ()
 
 
 def _label_is(sample: Sample, label: str) -> LabelIs:

@@ -103,11 +103,13 @@ def stretches(rows: int) -> Ints:
 
 
 def located(data: Any, memory: int = MEMORY) -> Source:
-    """What a user gave, as a source: a frame, a path, a pattern, a folder, or a list of paths.
+    """What a user gave, as a source: a frame, a path, a pattern, a folder, a list of paths; or one already.
 
     Raises:
         UserError: there is nothing, or no table.
     """
+    if isinstance(data, Source):
+        return data
     if hasattr(data, "iloc") and hasattr(data, "columns"):
         if not len(data):
             raise UserError("the frame has no rows; give one row a step")

@@ -35,6 +35,7 @@ class Table(Panel):
         self.rows, self.said = int(windows.steps.sum()), tuple(said)
         self._source, self._features, self._lengths = source, features, lengths
         others = [roles.window, roles.label, roles.time, roles.group, *roles.cost.values(), roles.propensity]
+        others += roles.next_states
         self._others = [*dict.fromkeys(name for name in others if name in source.columns and name not in self.columns)]
 
     def parts(self, least: int | None = None) -> Iterator[Part]:

@@ -11,6 +11,7 @@ from credit.logged.panel import LabelIs
 from credit.logged.tables.clock import CALENDAR
 
 Missing = Literal["error", "drop", "mean"]
+BEHIND = "next_"  # before the name of a state: that behind the step
 NONE = (False, "false", "none")  # for group and time: there is none, and none is to be guessed
 
 
@@ -22,7 +23,9 @@ class Words:
         window, label, time, group, propensity: a column. time and group may be False: none, and do not guess.
         labels: a second table, one row a window. states, actions: columns; an empty list means none.
         stock, randomised: features. label_is, missing: one of those allowed. calendar: what becomes of dates.
-        baseline: action → value. cost: action → column.
+        baseline: action → value. cost: action → column. sizes: feature that is a whole number → how many
+            there are of it.
+        next_states: the states behind each step, in the order of `states`. steps: of a window of a Minari dataset.
     """
 
     window: str | None = None
@@ -40,6 +43,9 @@ class Words:
     propensity: str | None = None
     missing: Missing = "error"
     calendar: tuple[str, ...] = ()
+    sizes: Mapping[str, int] = field(default_factory=dict)
+    next_states: tuple[str, ...] | None = None
+    steps: int | None = None
 
     @property
     def features(self) -> tuple[str, ...]:
@@ -71,16 +77,23 @@ def _checked(word: str, value: Any) -> Any:
         return False
     if word == "labels":
         return value
-    if word in ("states", "actions", "stock", "randomised", "calendar"):
+    if word in ("states", "actions", "stock", "randomised", "calendar", "next_states"):
         names = _names(word, value)
         if word == "calendar":
             for name in names:
                 if name not in CALENDAR:
                     raise UserError(f"data.calendar: no date becomes {name!r}; {nearest(name, CALENDAR)}")
         return names
-    if word in ("baseline", "cost"):
+    if word == "steps":
+        if not _count(value):
+            raise UserError(f"data.steps is {value!r}; it must be a whole number, 1 or more")
+        return value
+    if word in ("baseline", "cost", "sizes"):
         if not isinstance(value, Mapping):
             raise UserError(f"data.{word} is {value!r}; it must be a mapping such as {{tv: 0}}, by action")
+        for name, item in value.items() if word == "sizes" else ():
+            if not _count(item):
+                raise UserError(f"data.sizes of {name} is {item!r}; it must be a whole number, 1 or more")
         return {str(name): item for name, item in value.items()}
     allowed = {"label_is": get_args(LabelIs), "missing": get_args(Missing)}.get(word)
     if allowed and value not in allowed:
@@ -88,6 +101,10 @@ def _checked(word: str, value: Any) -> Any:
     if not isinstance(value, str | int) or isinstance(value, bool):
         raise UserError(f"data.{word} is {value!r}; it must be the name of one column")
     return value if allowed else str(value)
+
+
+def _count(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value > 0
 
 
 def _names(word: str, value: Any) -> tuple[str, ...]:
