@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from credit.logged.fits.mixture import mixed, predicted, summed
-from credit.logged.models import Pass, parts_of
+from credit.logged.models import Model, Pass, parts_of
 from credit.logged.panel import Column, Floats, Ints, Part
 from credit.logged.periods import periods
 from credit.logged.recovered import Recovered
@@ -47,8 +47,9 @@ class Sums:
 
     column: Column
     baseline: Any
-    without: Pass  # the rows where the action always was the baseline
-    plain: Pass | None  # the same, as the plain model sees them, where that is not the reference
+    touched: list[slice | Ints]  # of each model's columns, those in which the action stands
+    without: Pass  # these, in rows where the action always was the baseline
+    plain: Pass | None  # all columns of the plain model in these rows, where that is not the reference
     levels: dict[Any, _Sum] = field(default_factory=dict)
 
 
@@ -102,13 +103,18 @@ def _started(found: Recovered, column: Column, count: int) -> Sums:
     baseline = baseline_of(found, column)
     levels = [None] if column.levels is None else [level for level in column.levels if level != baseline]
     replaced, fits = (column.name, baseline), 1 + found.options.draws
-    without = Pass(found.panel, found.models, found.columns, replaced)
+    touched, columns = list[slice | Ints](), list[Ints]()
+    for model, own in zip(found.models, found.columns, strict=True):
+        at = np.flatnonzero(np.isin(own, model.terms.touching(column.name))) if isinstance(model, Model) else None
+        touched.append(slice(None) if at is None else at)
+        columns.append(own if at is None else own[at])
+    without = Pass(found.panel, found.models, columns, replaced)
 
     def nothing() -> _Sum:
         plain = np.zeros(len(found.plain_fit.used(found.plain.terms)))
         return _Sum(plain, [np.zeros(fits) for _ in found.models], np.zeros(fits), np.zeros((4, count)))
 
-    return Sums(column, baseline, without, _plain(found, replaced), {level: nothing() for level in levels})
+    return Sums(column, baseline, touched, without, _plain(found, replaced), {level: nothing() for level in levels})
 
 
 def _plain(found: Recovered, replaced: tuple[str, Any] | None = None) -> Pass | None:
@@ -137,23 +143,36 @@ def added_up(found: Recovered) -> list[Sums]:
     for part, at in parts_of(found.panel) if actions else ():
         here = as_is.of(part)
         when = period[part.window]
-        plain_here = here[0] if plain is None else plain.of(part)[0]
+        plain_here = None if plain is None else plain.of(part)[0]
         sample = np.flatnonzero(np.arange(at.start, at.stop) % every == 0)
         ours = in_all_fits([phi[sample] for phi in here]) if several else None
         for sums in actions:
             there = sums.without.of(part)
-            plain_there = there[0] if sums.plain is None else sums.plain.of(part)[0]
-            beyond = None if ours is None else ours - in_all_fits([phi[sample] for phi in there])
+            beyond = None
+            if ours is not None:
+                theirs = [phi[sample] for phi in here]
+                for phi, at_columns, other in zip(theirs, sums.touched, there, strict=True):
+                    phi[:, at_columns] = other[sample]
+                beyond = ours - in_all_fits(theirs)
             cost = found.panel.roles.cost.get(sums.column.name)
+            plain_there = None if sums.plain is None else sums.plain.of(part)[0]
             for level, rows in _rows(part, sums):
                 total = sums.levels[level]
                 total.rows += len(rows)
                 total.units += _units(part, sums, rows)
                 total.cost += 0.0 if cost is None else float(part.frame[cost].to_numpy(np.float64)[rows].sum())
-                total.plain += (plain_here[rows] - plain_there[rows]).sum(0)
-                for whole, theta, one, other in zip(total.contrast, thetas, here, there, strict=True):
-                    whole += summed(theta, one[rows], other[rows])
-                change = _point(thetas[0], here[0][rows]) - _point(thetas[0], there[0][rows])
+                changes = [
+                    (one[:, own][rows], other[rows], theta if isinstance(own, slice) else theta[:, own])
+                    for one, other, theta, own in zip(here, there, thetas, sums.touched, strict=True)
+                ]
+                for whole, (one, other, theta) in zip(total.contrast, changes, strict=True):
+                    whole += summed(theta, one, other)
+                one, other, theta = changes[0]
+                change = _point(theta, one) - _point(theta, other)
+                if plain_here is None or plain_there is None:
+                    total.plain[sums.touched[0]] += (one - other).sum(0)
+                else:
+                    total.plain += (plain_here[rows] - plain_there[rows]).sum(0)
                 total.times[0] += _by(when[rows], np.ones(len(rows)), count)
                 total.times[1] += _by(when[rows], change, count)
                 if beyond is not None:

@@ -18,7 +18,7 @@ from credit.logged.fits.telling import Telling, remedied, told
 from credit.logged.fits.units import Units, units_of
 from credit.logged.formulas.terms import Terms
 from credit.logged.models import Model, learned, windowed
-from credit.logged.panel import Floats, Panel
+from credit.logged.panel import Floats, Ints, Panel
 from credit.logged.recovered import AnyModel, Options, Recovered
 from credit.logged.residuals.autocorrelation import estimated_rho
 from credit.logged.residuals.whitening import Layout, whiten
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 PLAIN = "plain"  # the linear model on all columns, by which windows are judged where the reference is none
 HELD_OUT_DRAWS = 50  # at most, of fits that have not seen a fold
+TELL_RHO = 30_000  # windows at most by which ρ is told: with as many, its standard error is below .01
 NEWTON_DRAWS = 40  # at most, by which it is told where a decay may lie
 
 
@@ -208,7 +209,23 @@ class _Numbers(_Fit):
         if self.options.rho is not None:
             return self.options.rho
         columns = fit.columns(self.models[0].terms)
-        return estimated_rho(self.designs[0][:, columns], y, layout).rho
+        some = self._stretches()
+        if some is None:
+            return estimated_rho(self.designs[0][:, columns], y, layout).rho
+        windows = self.windows
+        layout = Layout.of(windows.steps[some], windows.group[some], self.known[some], self.panel.roles.label_is)
+        return estimated_rho(self.designs[0][some][:, columns], y[some], layout).rho
+
+    def _stretches(self) -> Ints | None:
+        """Windows that tell ρ for all, where there are many: whole groups, evenly spread, or the first of one."""
+        if len(self.windows) <= TELL_RHO:
+            return None
+        starts = np.flatnonzero(np.diff(self.windows.group, prepend=self.windows.group[0] - 1))
+        each = len(self.windows) / len(starts)
+        wanted = max(1, int(TELL_RHO / each))
+        chosen = np.unique(np.linspace(0, len(starts) - 1, wanted).astype(int))
+        ends = np.append(starts[1:], len(self.windows))
+        return np.concatenate([np.arange(starts[at], ends[at]) for at in chosen])[:TELL_RHO]
 
     def _whitened(self, layout: Layout, y: Floats) -> tuple[list[Floats], Floats]:
         if self.rho == 0:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from credit.logged.panel import Floats, Ints
 
 NUMBERS = 4_000_000  # products that are made at a time: what stays near the processor
+FEW = 4  # windows of a unit, on the average, from which on their products are added up by one matrix product
 
 
 @dataclass(frozen=True)
@@ -87,22 +88,30 @@ def moments(
     whole = size + 1
     rows, columns = np.triu_indices(whole)
     order = np.lexsort((unit, piece))
+    which, own = piece[order], unit[order]
+    begins = np.flatnonzero(np.diff(which, prepend=-1) | np.diff(own, prepend=own[:1] - 1))
+    together = count > FEW * len(begins)  # many windows are weighted as one
     total = np.zeros((pieces, len(rows) + 1, fits))
     at_once = max(1, NUMBERS // (len(rows) + 1))
-    for first in range(0, count, at_once):
-        chosen = order[first : first + at_once]
+    every = begins if together else np.arange(count)
+    ends = np.append(every, count)
+    for first in range(0, len(every), at_once):
+        bounds = ends[first : first + at_once + 1]
+        chosen = order[bounds[0] : bounds[-1]]
         both = np.concatenate([x[chosen], y[chosen, None]], axis=1)
-        products = np.empty((len(chosen), len(rows) + 1))
-        np.multiply(both[:, rows], both[:, columns], out=products[:, :-1])
-        products[:, -1] = 1
-        which, own = piece[chosen], unit[chosen]
-        begins = np.flatnonzero(np.diff(which, prepend=-1) | np.diff(own, prepend=own[:1] - 1))
-        if len(begins) < len(chosen):
-            products, which, own = np.add.reduceat(products, begins, axis=0), which[begins], own[begins]
-        edges = np.searchsorted(which, np.arange(pieces + 1))
+        products = np.empty((len(rows) + 1, len(bounds) - 1))
+        if together:
+            for number, (begin, end) in enumerate(pairwise(bounds - bounds[0])):
+                products[:-1, number] = (both[begin:end].T @ both[begin:end])[rows, columns]
+            products[-1] = np.diff(bounds)
+        else:
+            across = np.ascontiguousarray(both.T)
+            np.multiply(across[rows], across[columns], out=products[:-1])
+            products[-1] = 1
+        edges = np.searchsorted(which[bounds[:-1]], np.arange(pieces + 1))
         for number, (begin, end) in enumerate(pairwise(edges)):
             if begin < end:
-                total[number] += products[begin:end].T @ weights(own[begin:end])
+                total[number] += products[:, begin:end] @ weights(own[bounds[begin:end]])
     square = np.empty((pieces, fits, whole, whole))
     square[:, :, rows, columns] = square[:, :, columns, rows] = total[:, :-1].swapaxes(1, 2)
     return Moments(square[..., :-1, :-1], square[..., :-1, -1], square[..., -1, -1], total[:, -1])
