@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from credit.cli.main import guarded
@@ -107,16 +108,34 @@ def _one(asked: Request, panel: Panel, models: list[AnyModel]) -> None:
     explained(panel, models, asked)
     if asked.explain:
         return
+    from credit.cli.recovery_screen import progress
+    from credit.logged.result import LoggedCredit
     from credit.logged.writing import Folder
 
-    with Folder.made(asked.folder, asked.words) as folder:
-        found = asked.ask.recover(panel, models)
+    with _kept(asked), progress(), Folder.made(asked.folder, asked.words) as folder:
+        fitted = asked.ask.fit(panel, models)
+        folder.write_model(fitted)  # first: Ctrl-C keeps it
+        found = LoggedCredit.of(fitted)
         folder.write(found, asked.format)
     shown(found, asked.folder)
     if asked.tracked:
         from credit.tracking.report_run import log_folder
 
         print(log_folder(asked.output, "recover", asked.name, asked.folder, found.metrics))
+
+
+@contextmanager
+def _kept(asked: Request) -> Iterator[None]:
+    """Say what Ctrl-C leaves."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if (asked.folder / "STOPPED").exists():
+            print(
+                f"the fit is kept: credit recover {asked.data} --model {asked.folder} name=NAME scores rows by it",
+                file=sys.stderr,
+            )
+        raise
 
 
 if __name__ == "__main__":

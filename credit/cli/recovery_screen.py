@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +40,23 @@ def explained(panel: Panel, models: Sequence[AnyModel], asked: Request) -> None:
             f"{options.draws} draws, intervals of {options.level:.0%}, {options.folds} contiguous folds, residual "
             f"{options.residual}; the result goes to {asked.folder}; nothing was fitted"
         )
+
+
+@contextmanager
+def progress() -> Iterator[None]:
+    """A bar of what is done at the moment, where somebody looks."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from credit.logged.progress import told_to
+
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f}%"))
+    bar = Progress(*columns, TimeElapsedColumn(), console=console, transient=True, disable=not console.is_terminal)
+    with bar:
+        task = bar.add_task("", total=None, visible=False)
+        with told_to(lambda what, done, of: bar.update(task, description=what, completed=done, total=of, visible=True)):
+            yield
 
 
 def shown(found: LoggedCredit, folder: Path) -> None:

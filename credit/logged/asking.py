@@ -15,12 +15,11 @@ from credit.core.signatures import signature
 from credit.logged.formulas.terms import Terms
 from credit.logged.models import Model
 from credit.logged.panel import MIXTURE, Panel
-from credit.logged.recovered import AnyModel, Options
+from credit.logged.recovered import AnyModel, Options, Recovered
 from credit.logged.registered import Chosen, Registered
 
 if TYPE_CHECKING:
     from credit.core.seams import Mixer
-    from credit.logged.result import LoggedCredit
 
 MODEL = ("formula", "regularization", "sign")
 REFERENCE = "reference"
@@ -113,14 +112,14 @@ class Ask:
         elif self.options.residual == "uniform" and self.options.rho is not None:
             raise UserError("rho has no effect: it is of residual=ar1, and residual=uniform is asked; leave one out")
 
-    def recover(self, panel: Panel, models: Sequence[AnyModel] | None = None) -> LoggedCredit:
-        """Fit the models (None: those that are asked for) to an opened table, and score it."""
-        from credit.logged.result import LoggedCredit
+    def fit(self, panel: Panel, models: Sequence[AnyModel] | None = None) -> Recovered:
+        """Fit the models (None: those that are asked for) to an opened table."""
+        from credit.logged.recovering import recover
         from credit.recovery.mixers import RelativeMSE
 
         self.require(panel)
         models = self.models(panel) if models is None else models
-        return LoggedCredit.of(panel, models, self.mixer or RelativeMSE(), self.options)
+        return recover(panel, models, self.mixer or RelativeMSE(), self.options)
 
 
 def _formulas() -> bool:

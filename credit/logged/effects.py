@@ -140,7 +140,7 @@ def added_up(found: Recovered) -> list[Sums]:
         assert what.draws is not None
         return np.concatenate([what.credit[None], what.draws]) - predicted(designs[0], thetas[0]).T
 
-    for part, at in parts_of(found.panel) if actions else ():
+    for part, at in parts_of(found.panel, "effects added up") if actions else ():
         here = as_is.of(part)
         when = period[part.window]
         plain_here = None if plain is None else plain.of(part)[0]

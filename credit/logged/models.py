@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from credit.core.errors import UserError, nearest
 from credit.logged.formulas.terms import Terms
 from credit.logged.panel import Floats, Ints, Panel, Part, Roles
+from credit.logged.progress import watched
 
 Sign = Literal["positive", "negative"]
 SIGNS = {"positive": 1, "negative": -1}
@@ -141,7 +142,7 @@ def windowed(panel: Panel, models: Sequence[Designed], extra: Sequence[str] = ()
     found = [np.empty((count, len(model.terms.names))) for model in models]
     further = np.empty((count, len(extra)))
     rows = Pass(panel, models)
-    for part in panel.parts():
+    for part in watched(panel, "windows summed"):
         own = slice(int(part.window[0]), int(part.window[-1]) + 1)
         for whole, phi in zip(found, rows.of(part), strict=True):
             whole[own] = aggregated(part, phi, panel.roles)
@@ -150,9 +151,9 @@ def windowed(panel: Panel, models: Sequence[Designed], extra: Sequence[str] = ()
     return found, further
 
 
-def parts_of(panel: Panel) -> Iterator[tuple[Part, slice]]:
-    """Every part, with the places of its rows among all, in order."""
+def parts_of(panel: Panel, what: str = "rows read") -> Iterator[tuple[Part, slice]]:
+    """Every part, with the places of its rows among all, in order; `what` is done to them."""
     first = 0
-    for part in panel.parts():
+    for part in watched(panel, what):
         yield part, slice(first, first + len(part))
         first += len(part)

@@ -47,6 +47,8 @@ def recover(
         >>> found = credit.recover(frame, window="week", label="sales", actions=["tv", "radio"])
         >>> found.steps[["credit", "credit_low", "credit_high", "credit_balanced"]]
     """
+    from credit.logged.result import LoggedCredit
+
     options = [one.name for one in fields(Options)]
     roles = [one.name for one in fields(Words)]
     if wrong := [name for name in words if name not in (*options, *roles)]:
@@ -54,4 +56,4 @@ def recover(
     given = {name: value for name, value in words.items() if name in options}
     ask = Ask.of({"reference": reference, "surrogates": surrogates, **given}, mixer)
     panel = opened(data, {name: value for name, value in words.items() if name in roles})
-    return ask.recover(panel)
+    return LoggedCredit.of(ask.fit(panel))

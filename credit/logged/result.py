@@ -13,20 +13,14 @@ from credit.logged import claims
 from credit.logged.effects import Sums, added_up, effects, over_time
 from credit.logged.fits.linear import LinearFit
 from credit.logged.fits.telling import WEAK
-from credit.logged.panel import Panel
 from credit.logged.policies import Logged, policies
-from credit.logged.recovered import AnyModel, Options, Recovered
-from credit.logged.recovering import recover
+from credit.logged.recovered import Recovered
 from credit.logged.registered import Registered
 from credit.logged.saving import SavedModel
 from credit.logged.scoring import Judged, Scored, frames, in_order, scored, windowed_frame
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     import pandas as pd
-
-    from credit.core.seams import Mixer
 
 
 class LoggedCredit:
@@ -44,9 +38,8 @@ class LoggedCredit:
         self.found, self.rows, self.judged = found, rows, judged
 
     @classmethod
-    def of(cls, panel: Panel, models: Sequence[AnyModel], mixer: Mixer, options: Options) -> LoggedCredit:
-        """Fit models, score all rows, judge them."""
-        found = recover(panel, models, mixer, options)
+    def of(cls, found: Recovered) -> LoggedCredit:
+        """Score all rows by fitted models, and judge them."""
         return cls(found, *scored(found))
 
     @property

@@ -87,7 +87,7 @@ def credited(
     sums = np.empty(len(panel.windows))
     thetas = [one.theta for one in fitted.parts]
     rows = Pass(panel, fitted.models, [one.columns for one in fitted.parts])
-    for part, at in parts_of(panel):
+    for part, at in parts_of(panel, "rows scored"):
         designs = rows.of(part)
         what = mixed(designs, thetas, fitted.mixer)
         credit[at], half[at], disagreement[at] = what.credit, fitted.factor * what.deviation, what.disagreement

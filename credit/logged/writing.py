@@ -15,11 +15,12 @@ from credit.core.errors import UserError
 
 if TYPE_CHECKING:
     from credit.logged.panel import Panel
+    from credit.logged.recovered import Recovered
     from credit.logged.result import LoggedCredit
     from credit.logged.scored import ScoredTable
     from credit.logged.scoring import Scored
 
-DONE = "DONE"
+DONE, STOPPED = "DONE", "STOPPED"
 MODEL = "model"  # in the folder of a recovery
 
 
@@ -38,6 +39,8 @@ class Folder:
     def made(cls, path: Path, words: Sequence[str]) -> Iterator[Folder]:
         """A folder that takes its place when all is written: beside it until then, and gone if that fails.
 
+        Where Ctrl-C stops it behind the fit, that is kept: `model/`, which scores rows, and a file STOPPED.
+
         Raises:
             UserError: the place is taken by something that is no recovery.
         """
@@ -47,12 +50,23 @@ class Folder:
         beside.mkdir(parents=True)
         try:
             yield cls(beside)
-            (beside / DONE).write_text(" ".join(words) + "\n", encoding="utf-8")
-            if path.exists():
-                shutil.rmtree(path)
-            beside.rename(path)
+            cls._placed(beside, path, DONE, words)
+        except KeyboardInterrupt:
+            if (beside / MODEL).exists():
+                for other in beside.iterdir():
+                    if other.name != MODEL:
+                        other.unlink()
+                cls._placed(beside, path, STOPPED, words)
+            raise
         finally:
             shutil.rmtree(beside, ignore_errors=True)
+
+    @staticmethod
+    def _placed(beside: Path, path: Path, mark: str, words: Sequence[str]) -> None:
+        (beside / mark).write_text(" ".join(words) + "\n", encoding="utf-8")
+        if path.exists():
+            shutil.rmtree(path)
+        beside.rename(path)
 
     @staticmethod
     def require_free(path: Path, keep_models: bool = False) -> None:
@@ -63,16 +77,23 @@ class Folder:
         """
         if keep_models and (path / MODEL).exists():
             raise UserError(f"{path}: a model lies there; choose another place for scored rows by name=… or output=…")
-        if path.exists() and (not path.is_dir() or (any(path.iterdir()) and not (path / DONE).exists())):
+        ours = any((path / mark).exists() for mark in (DONE, STOPPED))
+        if path.exists() and (not path.is_dir() or (any(path.iterdir()) and not ours)):
             raise UserError(f"{path}: this is there, and no recovery; choose another place by name=… or output=…")
+
+    def write_model(self, found: Recovered) -> None:
+        """`model/`, once, where all models can be saved."""
+        from credit.logged.saving import SavedModel
+
+        if found.fitted.saves and not (self.path / MODEL).exists():
+            SavedModel.of(found).write(self.path / MODEL)
 
     def write(self, found: LoggedCredit, format: str = "parquet") -> None:
         """All frames, numbers in `summary.json`, and all of it to be read in `report.html`."""
         import pandas as pd
 
+        self.write_model(found.found)
         self._steps(found.found.panel, found.found.names, found.rows, format)
-        if found.found.fitted.saves:
-            found.model.write(self.path / MODEL)
         for name in ("windows", "effects", "told", "placebo", "labelled", "robustness"):
             getattr(found, name).to_csv(self.path / f"{name}.csv", index=False)
         policy = found.policies

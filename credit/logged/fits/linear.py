@@ -15,6 +15,7 @@ from credit.logged.fits.moments import Moments, moments
 from credit.logged.fits.ridge import LAMBDAS, held_out, signed, solutions
 from credit.logged.fits.units import Units
 from credit.logged.panel import INTERCEPT, Floats, Ints
+from credit.logged.progress import tell
 
 SWEEPS = 2  # over the terms whose parameters are chosen
 LARGEST = 3 * 10**8  # numbers in the moments of all draws
@@ -128,6 +129,7 @@ class Fitting:
             chosen[0], best = self._choose(choices, pieces[:, 0], penalties, free, begin)
             for fit in range(1, fits):  # draws begin where the fit to all ended
                 chosen[fit], _ = self._choose(choices, pieces[:, fit], penalties, free, list(chosen[0]), best)
+                tell("draws fitted", fit + 1, fits)
         for choice in np.unique(chosen, axis=0):  # all fits with the same columns at once
             own = np.flatnonzero((chosen == choice).all(1)).astype(np.int64)
             columns = choices.chosen(choice)

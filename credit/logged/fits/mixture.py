@@ -7,10 +7,12 @@ of its own would spread as those of the fits do, so that Δ̂²_j of draw b is t
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -59,10 +61,15 @@ def mixed(designs: Sequence[Floats], thetas: Sequence[Theta], mixer: Mixer, keep
 
     def of(first: int) -> Mixed:
         parts = [design[first : first + at_once] for design in designs]
-        found = [_predicted(part, theta) for part, theta in zip(parts, across, strict=True)]
-        return _mixed(np.stack([values for values, _ in found]), np.stack([beyond for _, beyond in found]), mixer, keep)
+        predictions, beyond = np.empty((len(parts), len(parts[0]), fits)), np.zeros((len(parts), len(parts[0])))
+        for m, (part, theta) in enumerate(zip(parts, across, strict=True)):
+            if isinstance(theta, np.ndarray):
+                np.matmul(part, theta, out=predictions[m])
+            else:
+                predictions[m], beyond[m] = theta(part)
+        return _mixed(predictions, beyond, mixer, keep)
 
-    with ThreadPoolExecutor(_processors() if plain else 1) as pool:
+    with _alone(), ThreadPoolExecutor(_processors() if plain else 1) as pool:
         parts = list(pool.map(of, range(0, count, at_once)))
     if not parts:
         parts = [_mixed(np.zeros((len(designs), 0, fits)), np.zeros((len(designs), 0)), mixer, keep)]
@@ -76,14 +83,23 @@ def mixed(designs: Sequence[Floats], thetas: Sequence[Theta], mixer: Mixer, keep
     )
 
 
+@contextmanager
+def _alone() -> Iterator[None]:
+    """Matrix products on one thread each, since there are as many as processors already."""
+    with _controller().limit(limits=1, user_api="blas"):
+        yield
+
+
+@cache
+def _controller() -> Any:
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
+
+
 def draws_of(theta: Theta) -> int:
     """B."""
     return len(theta) - 1 if isinstance(theta, np.ndarray) else int(theta.draws)  # type: ignore[attr-defined]
-
-
-def _predicted(design: Floats, across: Theta) -> tuple[Floats, Floats]:
-    """By θᵀ [d, 1 + B], or by what predicts itself."""
-    return (design @ across, np.zeros(len(design))) if isinstance(across, np.ndarray) else across(design)
 
 
 def predicted(design: Floats, theta: Theta) -> Floats:
