@@ -97,7 +97,7 @@ def test_what_is_held_out_was_not_seen() -> None:
     x, y = r.plain_design, r.panel.windows.label
     for number, (tested, fitted) in enumerate(r.folds.of):
         inside, outside = np.isin(r.folds.piece, fitted), np.isin(r.folds.piece, tested)
-        theta = solutions(plain(x[inside], y[inside]), np.array([2.0]), 0)[0]
+        theta = solutions(plain(x[inside], y[inside]), np.array([2.0]), 0, plain(x, y))[0]
         np.testing.assert_allclose(one.judged.held_out[0][outside], x[outside] @ theta, rtol=1e-6)
         phi = [np.column_stack([np.ones(len(frame)), frame["x"], frame["z"]]), np.ones((len(frame), 2))]
         phi[1][:, 1] = frame["x"]

@@ -44,7 +44,7 @@ class Reduced:
         left = np.setdiff1d(np.arange(size), always)
         place = np.full(size, -1, dtype=np.int64)
         place[left] = np.arange(len(left))
-        scale = scales(fitted, free)
+        scale = scales(fitted + tested, free)
         dead = scale == 0  # a column that does not vary has no effect
         if free is not None:
             dead[:, free] = fitted.xx[:, free, free] == 0

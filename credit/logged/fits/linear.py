@@ -159,8 +159,9 @@ class Fitting:
         for choice in np.unique(fit.chosen[: 1 + draws], axis=0):
             own = np.flatnonzero((fit.chosen[: 1 + draws] == choice).all(1)).astype(np.int64)
             columns = choices.chosen(choice)
-            part = pieces.of(columns, own)[self.folds.of[fold][1]].sum(0)
-            theta[own[:, None], columns] = _solved(part, fit.penalty[own], columns, _place(columns, free), signs)
+            every = pieces.of(columns, own)
+            part, place = every[self.folds.of[fold][1]].sum(0), _place(columns, free)
+            theta[own[:, None], columns] = _solved(part, fit.penalty[own], columns, place, signs, every.sum(0))
         return theta
 
     def _choose(
@@ -224,13 +225,19 @@ def _errors(
 
 
 def _solved(
-    moments: Moments, penalty: Floats, columns: Ints, free: int | None, signs: Mapping[int, int] | None
+    moments: Moments,
+    penalty: Floats,
+    columns: Ints,
+    free: int | None,
+    signs: Mapping[int, int] | None,
+    whole: Moments | None = None,
 ) -> Floats:
-    """θ [F, d] of fits with the same columns."""
-    theta = solutions(moments, penalty[:, None], free)[:, 0]
+    """θ [F, d] of fits with the same columns; `whole` are the moments of all windows, where these are some."""
+    theta = solutions(moments, penalty[:, None], free, whole)[:, 0]
     if signs and (bound := np.array([signs.get(int(column), 0) for column in columns])).any():
         for number in range(len(theta)):
-            theta[number] = signed(moments[number], penalty[number], free, bound)
+            own = None if whole is None else whole[number]
+            theta[number] = signed(moments[number], penalty[number], free, bound, own)
     return theta
 
 

@@ -1,9 +1,10 @@
 """Ridge regression on moments: paths over λ, held-out errors and signs, as pure equations.
 
-θ(λ) = argmin Σ_i w_i (Y_i − x_iᵀθ)² + λ Σ_j s_j² θ_j², where s_j² is the mean square of column j among the windows
-after the intercept is taken out, so that units of columns do not matter, and λ counts windows: what is known beforehand
-(that a column does nothing) weighs as much as λ of them. The intercept, the column `free`, is not held back. Where
-columns cannot be told apart their effects are as small as they can be: what the data do not say, the fit does not.
+θ(λ) = argmin Σ_i w_i (Y_i − x_iᵀθ)² + λ Σ_j s_j² θ_j², where s_j² is the mean square of column j among all windows (for
+a fit to some of them, too: what these hardly tell must not be held back less) after the intercept is taken out, so that
+units of columns do not matter, and λ counts windows: what is known beforehand (that a column does nothing) weighs as
+much as λ of them. The intercept, the column `free`, is not held back. Where columns cannot be told apart their effects
+are as small as they can be: what the data do not say, the fit does not.
 """
 
 from __future__ import annotations
@@ -17,11 +18,12 @@ LAMBDAS = np.logspace(-3, 4, 15)  # windows
 ROUNDING = 1e-10  # of the largest eigenvalue, below which columns are not told apart
 
 
-def solutions(moments: Moments, penalties: Floats, free: int | None) -> Floats:
+def solutions(moments: Moments, penalties: Floats, free: int | None, whole: Moments | None = None) -> Floats:
     """θ(λ) [..., L, d] for penalties λ [L], or [..., L] of each fit.
 
     Args:
         moments: [...]. penalties: λ ≥ 0, in windows. free: the column that is not held back; None for no one.
+        whole: of all windows, by which columns are scaled; None: these are all.
     """
     own = np.delete(np.arange(moments.xy.shape[-1]), [] if free is None else [free])
     xx, xy = moments.xx[..., own[:, None], own], moments.xy[..., own]
@@ -31,7 +33,7 @@ def solutions(moments: Moments, penalties: Floats, free: int | None) -> Floats:
         along = moments.xx[..., own, free] * inverse[..., None]
         xx = xx - along[..., :, None] * moments.xx[..., free, own][..., None, :]
         xy = xy - along * moments.xy[..., free][..., None]
-    scale = scales(moments, free)[..., own]
+    scale = scales(moments if whole is None else whole, free)[..., own]
     safe = np.where(scale > 0, scale, 1)
     live = (scale > 0).astype(float)
     xx = xx / (safe[..., :, None] * safe[..., None, :]) * live[..., :, None] * live[..., None, :]
@@ -82,25 +84,21 @@ def held_out(fitted: Moments, tested: Moments, penalties: Floats, free: int | No
         fitted, tested: of each fold what it is fitted to, and what it is tested on [K, ...]. penalties: λ [L]. free: as
             for `solutions`.
     """
-    return tested.cost(solutions(fitted, penalties, free)).sum(0)
+    return tested.cost(solutions(fitted, penalties, free, fitted + tested)).sum(0)
 
 
-def signed(moments: Moments, penalty: float, free: int | None, signs: Ints) -> Floats:
+def signed(moments: Moments, penalty: float, free: int | None, signs: Ints, whole: Moments | None = None) -> Floats:
     """θ [d] of one fit in which columns with a sign +1 have no effect below 0, and with −1 none above.
 
     Args:
-        moments: of one fit. penalty: λ. free: as for `solutions`. signs: +1, −1, or 0 for none [d].
+        moments: of one fit. penalty: λ. free, whole: as for `solutions`. signs: +1, −1, or 0 for none [d].
     """
     from scipy.optimize import lsq_linear
 
-    unbound = solutions(moments, np.array([penalty]), free)[0]
+    unbound = solutions(moments, np.array([penalty]), free, whole)[0]
     if not (unbound * signs < 0).any():
         return unbound
-    own = np.delete(np.arange(len(signs)), [] if free is None else [free])
-    weight = max(float(moments.weight), 1e-300)
-    first = 0.0 if free is None else moments.xx[own, free] ** 2 / max(float(moments.xx[free, free]), 1e-300)
-    held = np.zeros(len(signs))
-    held[own] = penalty * np.maximum(moments.xx[own, own] - first, 0) / weight
+    held = penalty * scales(moments if whole is None else whole, free) ** 2
     values, vectors = np.linalg.eigh(moments.xx + np.diag(held))
     told = values > ROUNDING * values[-1]
     root = np.sqrt(values[told])[:, None] * vectors[:, told].T  # rootᵀroot is the matrix

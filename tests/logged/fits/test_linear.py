@@ -88,7 +88,9 @@ def test_every_draw_is_fitted_to_its_own_weights_with_its_own_penalty() -> None:
         for tested, fitted in fitting.folds.of:
             inside = np.isin(fitting.folds.piece, fitted) & known
             outside = np.isin(fitting.folds.piece, tested) & known
-            theta = solutions(plain(x[inside], y[inside], weights[inside, fit]), LAMBDAS, 0)
+            both = inside | outside  # by what columns are scaled
+            whole = plain(x[both], y[both], weights[both, fit])
+            theta = solutions(plain(x[inside], y[inside], weights[inside, fit]), LAMBDAS, 0, whole)
             errors += (weights[outside, fit] * (y[outside] - theta @ x[outside].T) ** 2).sum(-1)
         assert found.penalty[fit] == LAMBDAS[errors.argmin()]
         wanted = solutions(plain(x[known], y[known], weights[known, fit]), found.penalty[fit : fit + 1], 0)[0]
@@ -138,3 +140,19 @@ def test_more_than_fits_into_memory_is_refused() -> None:
     )
     with pytest.raises(UserError, match="2000 columns"):
         fitting.moments(x, x[:, 0], x[:, 0] > 0)
+
+
+def test_what_a_fold_hardly_sees_predicts_nothing_wild() -> None:
+    """A column that is almost nothing outside of the fold that tests it: its coefficient is held back, not blown up."""
+    some = windows(1, 60)
+    random = np.random.default_rng(4)
+    x = np.stack(
+        [np.full(60, 7.0), random.normal(size=60), np.where(np.arange(60) < 12, 1.0, 1e-8 * random.normal(size=60))],
+        axis=1,
+    )
+    y = x[:, 0] + x[:, 1] + 5 * (np.arange(60) < 12) + 0.1 * random.normal(size=60)
+    fitting = Fitting(folds_of(some, 5, 0), None)
+    pieces = fitting.moments(x, y, np.ones(60, dtype=bool))
+    fit = fitting.fit(design(3), pieces)
+    without = fitting.without(design(3), pieces, fit, 0, 0)[0]
+    assert np.abs(x[:12] @ without - y[:12]).max() < 20
