@@ -162,7 +162,7 @@ def added_up(found: Recovered) -> list[Sums]:
                 total.units += _units(part, sums, rows)
                 total.cost += 0.0 if cost is None else float(part.frame[cost].to_numpy(np.float64)[rows].sum())
                 changes = [
-                    (one[:, own][rows], other[rows], theta if isinstance(own, slice) else theta[:, own])
+                    (one[:, own][rows], other[rows], theta[:, own] if isinstance(theta, np.ndarray) else theta)
                     for one, other, theta, own in zip(here, there, thetas, sums.touched, strict=True)
                 ]
                 for whole, (one, other, theta) in zip(total.contrast, changes, strict=True):

@@ -108,10 +108,7 @@ class Recovered:
     def fitted(self) -> Fitted:
         """What scores rows, apart from the panel."""
         return Fitted(
-            tuple(
-                Linear.of(model, fit) if isinstance(model, Model) and isinstance(fit, LinearFit) else Alive(model, fit)
-                for model, fit in zip(self.models, self.fits, strict=True)
-            ),
+            tuple(_part(model, fit) for model, fit in zip(self.models, self.fits, strict=True)),
             self.mixer,
             self.factor,
             self.rho,
@@ -128,6 +125,14 @@ class Recovered:
     def bits(self) -> bool:
         """Whether labels are bits."""
         return self.panel.roles.label_is == "binary"
+
+
+def _part(model: AnyModel, fit: LinearFit | RegisteredFit) -> Linear | Alive:
+    if isinstance(model, Model):
+        assert isinstance(fit, LinearFit)
+        return Linear.of(model, fit)
+    assert not isinstance(fit, LinearFit)
+    return Alive(model, fit)
 
 
 def thetas(columns: Sequence[Ints], of: Sequence[Theta]) -> list[Theta]:

@@ -22,7 +22,8 @@ LARGEST = 3 * 10**8  # numbers in the moments of all draws
 
 
 class Free(Protocol):
-    """A term whose parameters are chosen: for each candidate the columns of the design that stand for it."""
+    """A term whose parameters are chosen: for each candidate the columns of the design that stand for it; and the call
+    whose decay may lie between its candidates' `decays`, "" for none."""
 
     @property
     def text(self) -> str: ...  # noqa: D102
@@ -30,6 +31,10 @@ class Free(Protocol):
     def candidates(self) -> Sequence[str]: ...  # noqa: D102
     @property
     def columns(self) -> Sequence[Ints]: ...  # noqa: D102
+    @property
+    def call(self) -> str: ...  # noqa: D102
+    @property
+    def decays(self) -> Sequence[float]: ...  # noqa: D102
 
 
 class Choices(Protocol):
@@ -126,9 +131,9 @@ class Fitting:
         theta, penalty, first = np.zeros((fits, pieces.xy.shape[-1])), np.zeros(fits), 0.0
         if choices.choices and len(self.folds.of) > 1:
             begin = list(start) if start is not None else [0] * len(choices.choices)
-            chosen[0], best = self._choose(choices, pieces[:, 0], penalties, free, begin)
+            chosen[0], held = self._choose(choices, pieces[:, 0], penalties, free, begin)
             for fit in range(1, fits):  # draws begin where the fit to all ended
-                chosen[fit], _ = self._choose(choices, pieces[:, fit], penalties, free, list(chosen[0]), best)
+                chosen[fit], _ = self._choose(choices, pieces[:, fit], penalties, free, list(chosen[0]), held)
                 tell("draws fitted", fit + 1, fits)
         for choice in np.unique(chosen, axis=0):  # all fits with the same columns at once
             own = np.flatnonzero((chosen == choice).all(1)).astype(np.int64)

@@ -9,8 +9,6 @@ by which the decay is to be moved. x′ is a difference of neighbouring candidat
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 
 from credit.logged.fits.linear import Choices, LinearFit, intercept_of
@@ -24,22 +22,13 @@ WIDER = 0.25  # by which share of their range, at each end, candidates lie beyon
 NARROWEST = 0.01
 
 
-class Decaying(Protocol):
-    """A term whose decay may lie between its candidates."""
-
-    @property
-    def call(self) -> str: ...  # noqa: D102
-    @property
-    def decays(self) -> tuple[float, ...]: ...  # noqa: D102
-
-
 def refined(choices: Choices, whole: Moments, fit: LinearFit) -> dict[str, tuple[float, ...]]:
     """Candidates for each decay that was left open, text of its call → numbers.
 
     Args:
         choices: of the model. whole: moments of all windows, of all and in some draws [1 + B]. fit: to all [1, D].
     """
-    open_terms = [(at, one) for at, one in enumerate(choices.choices) if getattr(one, "call", "")]
+    open_terms = [(at, one) for at, one in enumerate(choices.choices) if one.call]
     if not open_terms:
         return {}
     columns = fit.columns(choices)
@@ -47,16 +36,16 @@ def refined(choices: Choices, whole: Moments, fit: LinearFit) -> dict[str, tuple
     map_[columns, np.arange(len(columns))] = 1
     for place, (at, one) in enumerate(open_terms, len(columns)):
         chosen = int(fit.chosen[0, at])
-        low, high = max(chosen - 1, 0), min(chosen + 1, len(one.decays) - 1)  # type: ignore[attr-defined]
-        own, size = fit.theta[0, one.columns[chosen]], one.decays[high] - one.decays[low]  # type: ignore[attr-defined]
+        low, high = max(chosen - 1, 0), min(chosen + 1, len(one.decays) - 1)
+        own, size = fit.theta[0, one.columns[chosen]], one.decays[high] - one.decays[low]
         np.add.at(map_[:, place], one.columns[high], own / size)
         np.add.at(map_[:, place], one.columns[low], -own / size)
     moved = Moments(map_.T @ whole.xx @ map_, whole.xy @ map_, whole.yy, whole.weight)
     free = intercept_of(choices)
-    places = np.flatnonzero(columns == free) if free is not None else []
+    places = np.flatnonzero(columns == (-1 if free is None else free))
     theta = solutions(moved, LAMBDAS[:1], int(places[0]) if len(places) else None)[:, 0, len(columns) :]
     return {
-        one.call: _around(one.decays[int(fit.chosen[0, at])], step)  # type: ignore[attr-defined]
+        one.call: _around(one.decays[int(fit.chosen[0, at])], step)
         for (at, one), step in zip(open_terms, theta.T, strict=True)
     }
 
