@@ -12,6 +12,7 @@ import sys
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -187,3 +188,31 @@ def test_coverage_is_of_a_truth_that_is_known() -> None:
     assert tv["truth"] == pytest.approx(4.5, rel=0.05)
     assert tv["per_unit"] == pytest.approx(tv["truth"], rel=0.2)
     assert study["shown"](effects)["count"].eq(1).all()
+
+
+def test_real_series_are_judged_within_windows() -> None:
+    example = runpy.run_path(str(EXAMPLES / "real_series.py"))
+    window = np.repeat(np.arange(30), 4)
+    truth = np.random.default_rng(0).normal(size=120) + window
+    label = np.bincount(window, truth)[window]
+    smooth = example["denton"](label, window)
+    np.testing.assert_allclose(np.bincount(window, smooth), np.bincount(window, truth), rtol=1e-9)
+    alike = example["judged"](truth, label / 4, window)
+    assert (alike["within"], alike["within_rmse"]) == (0.0, pytest.approx(1.0))
+    assert alike["total"] > 0.9  # for nothing
+    within = truth - (np.bincount(window, truth) / 4)[window]
+    plain = np.corrcoef(within, within + (truth**2 - (np.bincount(window, truth**2) / 4)[window]))[0, 1]
+    found = example["judged"](truth, truth + truth**2, window)
+    assert found["within"] == pytest.approx(plain)
+    assert found["within_low"] < found["within"] < found["within_high"]
+
+
+def test_panels_of_another_simulator_have_a_truth_that_is_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pysimmmulator")
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    example = runpy.run_path(str(EXAMPLES / "pysimmmulator_coverage.py"))
+    rows, truth = example["panel"](1)
+    assert len(rows) % 7 == 0
+    assert rows.groupby("week")["revenue"].nunique().max() == 1
+    for name, (decay, conversions, *_) in example["CHANNELS"].items():
+        assert truth[name] == pytest.approx(10 * conversions / (1 - decay), rel=0.15)  # 10 is what a conversion earns
