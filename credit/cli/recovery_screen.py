@@ -67,6 +67,8 @@ def shown(found: LoggedCredit, folder: Path) -> None:
     for name, choice in found.chosen.items():
         if choice:
             console.print(f"  · {name}: {', '.join(choice.values())}")
+    if not found.found.fitted.saves:
+        console.print("  · there is no model/ for new rows: a registered reward model is among the models")
     _untold(console, found)
     _effects(console, found)
     for name, (alike, last) in found.r_squared.items():

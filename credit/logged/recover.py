@@ -56,4 +56,6 @@ def recover(
     given = {name: value for name, value in words.items() if name in options}
     ask = Ask.of({"reference": reference, "surrogates": surrogates, **given}, mixer)
     panel = opened(data, {name: value for name, value in words.items() if name in roles})
-    return LoggedCredit.of(ask.fit(panel))
+    found = LoggedCredit.of(ask.fit(panel))
+    found.index = getattr(data, "index", None) if hasattr(data, "columns") else None
+    return found

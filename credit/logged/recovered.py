@@ -41,7 +41,7 @@ class Options:
 
     draws: PositiveInt = 200
     level: Annotated[float, Interval(gt=0, lt=1)] = 0.9
-    folds: PositiveInt = 5
+    folds: Annotated[int, Interval(ge=2)] = 5
     gap: NonNegativeInt | None = None
     residual: Literal["ar1", "uniform"] = "ar1"
     rho: Annotated[float, Interval(gt=-1, lt=1)] | None = None

@@ -36,6 +36,7 @@ class LoggedCredit:
 
     def __init__(self, found: Recovered, rows: Scored, judged: Judged) -> None:
         self.found, self.rows, self.judged = found, rows, judged
+        self.index: pd.Index[Any] | None = None  # of a frame that was given
 
     @classmethod
     def of(cls, found: Recovered) -> LoggedCredit:
@@ -60,7 +61,8 @@ class LoggedCredit:
     def steps(self) -> pd.DataFrame:
         """A row of what was given each, in that order: credit, its interval, credit that adds up, each model's, and
         where they disagree. An interval is one for the *expected* credit of a row, not for what happened in it."""
-        return in_order(frames(self.found.panel, self.found.names, self.rows))
+        found = in_order(frames(self.found.panel, self.found.names, self.rows))
+        return found if self.index is None else found.set_axis(self.index[found.index])
 
     @cached_property
     def windows(self) -> pd.DataFrame:

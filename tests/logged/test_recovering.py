@@ -215,3 +215,17 @@ def test_options_that_bits_make_useless_are_refused() -> None:
     for words in ({"nonnegative": True}, {"rho": 0.5}):
         with pytest.raises(UserError, match="no effect: labels are bits"):
             found(bits, **words)
+
+
+def test_steps_have_the_index_of_the_frame() -> None:
+    frame = table(windows=30, groups=2)
+    whole = found(frame, surrogates={}).steps
+    mixed_up = frame.sample(frac=1, random_state=0)
+    again = found(mixed_up, surrogates={}).steps
+    assert list(again.index) == list(mixed_up.index)
+    np.testing.assert_allclose(again["credit"].sort_index(), whole["credit"], rtol=1e-9)
+
+
+def test_a_label_of_words_is_refused() -> None:
+    with pytest.raises(UserError, match="y of row 0 is 'a lot', and it is"):
+        credit.recover(table().assign(y="a lot"), window="w", label="y")

@@ -72,7 +72,9 @@ def _unfit(sample: Sample, name: str, label: str | None) -> str | None:
     if len(some) > 2 and len(steps) == 1 and steps[0] != 0:
         return "it only counts the rows"
     if label in sample.frame.columns and name != label:
-        truth = np.asarray(sample.frame[label], dtype=np.float64)
+        import pandas as pd
+
+        truth = pd.to_numeric(sample.frame[label], errors="coerce").to_numpy(np.float64, na_value=np.nan)
         if np.array_equal(some, truth, equal_nan=True):
             return f"it equals {label}, the label"
     return None
