@@ -77,7 +77,7 @@ def test_export_writes_a_file(run: Callable[..., Any]) -> None:
     found = run("export", RUN, "kept.onnx")
     assert (found.code, found.out, found.err) == (0, "policy   kept.onnx\n", "")
     assert Path("kept.onnx").stat().st_size > 1000
-    assert "ONNX file" in run("export", "--help").out
+    assert "FILE.onnx" in run("export", "--help").out
 
 
 REFUSED = {
