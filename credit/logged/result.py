@@ -189,7 +189,8 @@ class LoggedCredit:
     def said(self) -> tuple[str, ...]:
         """What was guessed, chosen or left out, a sentence each."""
         found = self.found
-        sentences = [*found.panel.said, found.units.said]
+        folds = f"labels are held out in {len(found.folds.of)} contiguous folds with a gap of {found.folds.gap} windows"
+        sentences = [*found.panel.said, found.units.said, folds]
         registered = [model for model in found.models if isinstance(model, Registered)]
         if own := [model.name for model in registered if model.chosen.own]:
             others = len(own) < len(found.models)

@@ -1,7 +1,7 @@
 """Errors of many candidates, each with a few columns of its own beside many that are always there.
 
 The columns that are always there are taken out once (a Schur complement), so that a candidate costs a system as large
-as what it adds: with a hundred groups and forty candidates this is a hundredth of the arithmetic of whole fits.
+as what it adds.
 """
 
 from __future__ import annotations

@@ -116,13 +116,12 @@ class Fitting:
         pieces: Moments,
         regularization: float | None = None,
         signs: Mapping[int, int] | None = None,
-        start: Sequence[int] | None = None,
     ) -> LinearFit:
         """Choose candidates and λ in every fit by contiguous folds, and solve it.
 
         Args:
             choices: of the model. pieces: moments [pieces, 1 + B]. regularization: λ; None: chosen.
-            signs: column → +1 or −1, the sign that its effect may have. start: candidates to begin with.
+            signs: column → +1 or −1, the sign that its effect may have.
         """
         penalties = LAMBDAS if regularization is None else np.array([float(regularization)])
         free = intercept_of(choices)
@@ -130,10 +129,9 @@ class Fitting:
         chosen = np.zeros((fits, len(choices.choices)), dtype=np.int64)
         theta, penalty, first = np.zeros((fits, pieces.xy.shape[-1])), np.zeros(fits), 0.0
         if choices.choices and len(self.folds.of) > 1:
-            begin = list(start) if start is not None else [0] * len(choices.choices)
-            chosen[0], held = self._choose(choices, pieces[:, 0], penalties, free, begin)
+            chosen[0], held = self._choose(choices, pieces[:, 0], penalties, free, chosen[0].tolist())
             for fit in range(1, fits):  # draws begin where the fit to all ended
-                chosen[fit], _ = self._choose(choices, pieces[:, fit], penalties, free, list(chosen[0]), held)
+                chosen[fit], _ = self._choose(choices, pieces[:, fit], penalties, free, chosen[0].tolist(), held)
                 tell("draws fitted", fit + 1, fits)
         for choice in np.unique(chosen, axis=0):  # all fits with the same columns at once
             own = np.flatnonzero((chosen == choice).all(1)).astype(np.int64)

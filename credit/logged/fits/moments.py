@@ -5,13 +5,12 @@ Moments of disjoint sets of windows add up, so that parts, shards and folds are 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from credit.logged.panel import Floats, Ints
 
@@ -66,12 +65,6 @@ class Moments:
         return self.yy[..., None] - 2 * (theta @ self.xy[..., None])[..., 0] + square
 
 
-def stacked(several: Sequence[Moments]) -> Moments:
-    """Of several sets, side by side."""
-    parts = [[getattr(one, name) for one in several] for name in ("xx", "xy", "yy", "weight")]
-    return Moments(*(np.stack(part) for part in parts))
-
-
 def moments(
     x: Floats, y: Floats, piece: Ints, unit: Ints, weights: Callable[[Ints], Floats], pieces: int, fits: int
 ) -> Moments:
@@ -115,8 +108,3 @@ def moments(
     square = np.empty((pieces, fits, whole, whole))
     square[:, :, rows, columns] = square[:, :, columns, rows] = total[:, :-1].swapaxes(1, 2)
     return Moments(square[..., :-1, :-1], square[..., :-1, -1], square[..., -1, -1], total[:, -1])
-
-
-def ones(units: Ints) -> NDArray[np.float64]:
-    """Every window counts once, in one fit."""
-    return np.ones((len(units), 1))

@@ -105,4 +105,5 @@ def signed(moments: Moments, penalty: float, free: int | None, signs: Ints, whol
     target = (vectors[:, told].T @ moments.xy) / np.sqrt(values[told])
     size = np.sqrt(np.maximum(np.diag(moments.xx), 1e-300))
     low, high = np.where(signs > 0, 0, -np.inf), np.where(signs < 0, 0, np.inf)
-    return lsq_linear(root / size, target, bounds=(low, high), tol=1e-12).x / size
+    found = lsq_linear(root / size, target, bounds=(low, high), tol=1e-12)
+    return np.where(found.active_mask == 0, found.x / size, 0.0)

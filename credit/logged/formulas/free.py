@@ -58,6 +58,12 @@ def free_calls(tree: ast.expr) -> dict[str, int]:
     return found
 
 
+def left_open(name: str, call: str, trees: Iterable[ast.expr]) -> bool:
+    """Whether a call in some trees is of this function, with no number and no list where its parameter stands."""
+    nodes = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    return any(called(node) == name and len(node.args) == 1 and ast.unparse(node) == call for node in nodes)
+
+
 def tried(tree: ast.expr, decays: Mapping[str, Sequence[float]]) -> ast.expr:
     """A tree where a decay that was left open has these candidates: text of its call → numbers."""
     match tree:

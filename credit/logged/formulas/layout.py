@@ -8,7 +8,7 @@ import numpy as np
 
 from credit.core.errors import UserError
 from credit.logged.formulas.blocks import Block, Factor
-from credit.logged.formulas.free import DECAYS, Free, choices, concrete, free_calls, together
+from credit.logged.formulas.free import DECAYS, Free, choices, concrete, free_calls, left_open, together
 from credit.logged.formulas.reading import LARGEST, Trees
 from credit.logged.panel import Column, Ints
 from credit.recovery.features.grammar import Scoped
@@ -62,9 +62,12 @@ def _free(
             )
         candidates.setdefault(", ".join(texts), np.sort(np.concatenate(parts)))
     free = dict.fromkeys(name for each in members for name, _ in each.factors if free_calls(trees[name]))
-    call, *others = calls
-    plain = not others and len(candidates) == len(DECAYS) and call.startswith("adstock(") and not call.endswith("])")
-    own = (call, tuple(map(float, DECAYS))) if plain else ("", ())
+    alone = next(iter(calls)) if len(calls) == 1 and len(candidates) == len(DECAYS) else ""
+    own = (
+        (alone, tuple(map(float, DECAYS)))
+        if alone and left_open("adstock", alone, [trees[name] for name in free])
+        else ("", ())
+    )
     return Free(", ".join(free), tuple(candidates), tuple(candidates.values()), *own)
 
 

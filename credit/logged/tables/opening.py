@@ -134,9 +134,10 @@ def _twins(source: Source, columns: Sequence[str], tied: Ints) -> list[str]:
     same = twins(source, columns, tied)
     if same.all():
         pair = _numbers_of(source, columns[:1], int(tied[0]))
+        more = f", and so are {len(tied)} pairs" if len(tied) > 1 else ""
         raise UserError(
-            f"{source.name}: rows {pair[0]} and {pair[1]} are the same, and so are {len(tied)} pairs; keep one of each "
-            "(in pandas: drop_duplicates), or leave data.time out if both happened (data.time=false)"
+            f"{source.name}: rows {pair[0]} and {pair[1]} are the same{more}; keep one of each (in pandas: "
+            "drop_duplicates), or leave data.time out if both happened (data.time=false)"
         )
     some = f", {int(same.sum())} of them in all columns" if same.any() else ""
     return [f"{len(tied)} rows have the time of the row before{some}; they stay as they lay"]

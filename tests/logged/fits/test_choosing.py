@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from credit.logged.fits.choosing import Reduced
-from credit.logged.fits.moments import Moments, stacked
+from credit.logged.fits.moments import Moments
 from credit.logged.fits.ridge import held_out, scales
-from tests.logged.fits.test_moments import plain
+from tests.logged.fits.test_moments import plain, stacked
 
 
 def folds(intercept: bool) -> tuple[Moments, Moments]:

@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
-from credit.logged.fits.moments import Moments, moments, ones, stacked
+from credit.logged.fits.moments import Moments, moments
 from credit.logged.fits.ridge import LAMBDAS, held_out, signed, solutions
+from credit.logged.panel import Floats, Ints
+
+
+def stacked(several: Sequence[Moments]) -> Moments:
+    """Of several sets, side by side."""
+    parts = [[getattr(one, name) for one in several] for name in ("xx", "xy", "yy", "weight")]
+    return Moments(*(np.stack(part) for part in parts))
+
+
+def ones(units: Ints) -> Floats:
+    """Every window counts once, in one fit."""
+    return np.ones((len(units), 1))
 
 
 def made(windows: int = 60, size: int = 4, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -116,6 +130,7 @@ def test_signs_are_kept_and_nothing_else_changes() -> None:
     assert free[2] < 0
     assert np.array_equal(signed(plain(x, y), 1.0, 0, np.array([0, 1, -1, 0])), free)  # as it is, it obeys
     bound = signed(plain(x, y), 1.0, 0, np.array([0, 1, 1, 0]))
+    assert bound[2] == 0  # exactly: it is held there
     left = np.array([0, 1, 3])
     np.testing.assert_allclose(bound[2], 0, atol=1e-9)
     np.testing.assert_allclose(bound[left], solutions(plain(x[:, left], y), np.array([1.0]), 0)[0], rtol=1e-5)

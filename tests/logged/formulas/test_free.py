@@ -64,3 +64,13 @@ def test_terms_are_linked_by_others() -> None:
 def test_what_cannot_be_chosen_is_said(formula: str, said: str) -> None:
     with pytest.raises(UserError, match=said):
         of(formula)
+
+
+def test_a_decay_alone_says_its_call_whatever_its_column_is_called() -> None:
+    columns = {"size of it": Column("size of it", most=1.0), "x": Column("x", most=1.0)}
+    (free,) = Terms.of("1 + adstock(`size of it`)", columns, ROLES).choices
+    assert free.decays[0] == 0
+    refined = Terms.of("1 + adstock(`size of it`)", columns, ROLES).refined({free.call: (0.1, 0.2, 0.3)})
+    assert [one.rpartition(", ")[2] for one in refined.choices[0].candidates] == ["0.1)", "0.2)", "0.3)"]
+    for formula in ("1 + adstock(x, [.1, .2])", "1 + saturate(adstock(x))", "1 + lag(x)"):
+        assert [one.call for one in Terms.of(formula, columns, ROLES).choices] == [""]
