@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -47,6 +47,7 @@ class Folder:
         cls.require_free(path)
         beside = path.with_name(f".{path.name}.{os.getpid()}")
         shutil.rmtree(beside, ignore_errors=True)
+        new = [folder for folder in beside.parents if not folder.exists()]  # the inmost first
         beside.mkdir(parents=True)
         try:
             yield cls(beside)
@@ -60,6 +61,9 @@ class Folder:
             raise
         finally:
             shutil.rmtree(beside, ignore_errors=True)
+            for folder in new:  # nothing is left where nothing was made
+                with suppress(OSError):
+                    folder.rmdir()
 
     @staticmethod
     def _placed(beside: Path, path: Path, mark: str, words: Sequence[str]) -> None:
