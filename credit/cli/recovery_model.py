@@ -77,6 +77,6 @@ def _shown(table: ScoredTable, asked: Request) -> None:
     for sentence in table.said[len(table.panel.said) :]:
         console.print(f"  · {sentence}")
     if table.r_squared == table.r_squared:
-        console.print(f"R² of the labels of this table: {table.r_squared:.3f} against all steps alike")
+        console.print(f"R² of labels in this table: {table.r_squared:.3f} against all steps alike")
     console.print(f"\nresult   {asked.folder}", soft_wrap=True)
     console.print("  " + "  ".join(sorted(path.name for path in asked.folder.iterdir())))
