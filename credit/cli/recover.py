@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -51,6 +52,7 @@ how
   name=NAME                                                             (the file's name)
   format=parquet|csv     of steps                                       (csv for a CSV file)
   tracking=mlflow|none                                                  (mlflow)
+  hydra/launcher=ray     passes over several Parquet files as jobs, one a file: ray, slurm, local   (this process)
   from=FILE.yaml         keys as above, under those on the command line
 
 -m runs one recovery for each of several values: credit recover sales.csv -m mixer=relative_mse,best
@@ -95,11 +97,45 @@ def _prepared(asked: Sequence[Request]) -> Iterator[tuple[Request, Panel, list[A
     for one in asked:
         Folder.require_free(one.folder)
         saved_mixer(one.ask.mixer)
-        words = repr(one.ask.data)
+        words = repr((one.ask.data, one.launcher))
         if words not in panels:
-            panels[words] = opened(*resolved(one.data, one.ask.data))
+            whole = {"memory": 0} if one.launcher else {}  # as files, however small they are
+            panels[words] = opened(*resolved(one.data, one.ask.data), **whole)
         one.ask.require(panels[words])
+        if one.launcher:
+            _require_files(panels[words], one)
         yield one, panels[words], one.ask.models(panels[words])
+
+
+def _require_files(panel: Panel, asked: Request) -> None:
+    """Refuse a launcher that would have nothing to launch.
+
+    Raises:
+        UserError: the table is one file, or its files are not apart; or a model needs all rows.
+    """
+    from credit.config import launchers
+    from credit.core.errors import UserError
+
+    if len(panel.sections()) == 1:
+        raise UserError(
+            f"{asked.launcher[0]} has no effect: {panel.source} is one table, or its rows had to be sorted, and a job "
+            "is one of several Parquet files in order; leave it out"
+        )
+    launchers.choose(asked.launcher, len(panel.sections()), False, asked.config_dirs)
+
+
+@contextmanager
+def _spread(asked: Request) -> Iterator[None]:
+    """Passes over files as jobs, where a launcher was asked for."""
+    if not asked.launcher:
+        yield
+        return
+    from credit.cli.recovery_jobs import runner
+    from credit.logged.spreading import spread_over
+
+    place = asked.folder.with_name(f".{asked.folder.name}.jobs.{os.getpid()}")
+    with spread_over(runner(asked.launcher, place, asked.config_dirs)):
+        yield
 
 
 def _one(asked: Request, panel: Panel, models: list[AnyModel]) -> None:
@@ -112,7 +148,7 @@ def _one(asked: Request, panel: Panel, models: list[AnyModel]) -> None:
     from credit.logged.result import LoggedCredit
     from credit.logged.writing import Folder
 
-    with _kept(asked), progress(), Folder.made(asked.folder, asked.words) as folder:
+    with _kept(asked), progress(), _spread(asked), Folder.made(asked.folder, asked.words) as folder:
         fitted = asked.ask.fit(panel, models)
         folder.write_model(fitted)  # first: Ctrl-C keeps it
         found = LoggedCredit.of(fitted)

@@ -39,7 +39,8 @@ class Request:
     Attributes:
         data: the table. words: as they were typed. ask: what is asked. explain: fit nothing.
         output, name: the folder is OUTPUT/recover/NAME. format: of steps. tracked: whether it is logged to MLflow.
-        model: the folder of a model that scores the rows; None: they are fitted.
+        model: the folder of a model that scores the rows; None: they are fitted. launcher: words that choose what runs
+            passes over the table's files as jobs; none: this process. config_dirs: further folders of YAML files.
     """
 
     data: str
@@ -51,6 +52,8 @@ class Request:
     format: str
     tracked: bool
     model: Path | None = None
+    launcher: tuple[str, ...] = ()
+    config_dirs: tuple[str, ...] = ()
 
     @property
     def folder(self) -> Path:
@@ -140,13 +143,16 @@ def _named(one: Request, every: Sequence[Sequence[str]], number: int) -> Request
 def _request(data: str, words: Sequence[str], flags: Sequence[str], paths: Sequence[tuple[str, str]]) -> Request:
     config_dirs = [path for name, path in paths if name != MODEL]
     model = next((Path(path) for name, path in paths if name == MODEL), None)
-    tree = _tree(words)
+    launcher = tuple(word for word in words if word.lstrip("+").startswith("hydra"))
+    tree = _tree([word for word in words if word not in launcher])
     if (file := tree.pop("from", None)) is not None:
         tree = _merged(_file(file), tree)
     problems: list[str] = []
     own = {key: tree.pop(key) for key in OWN if key in tree}
     known = [*OWN, "mixer", "data", REFERENCE, "surrogates", *MODELS, *(one.name for one in fields(Options))]
     problems += [f"unknown key {key!r}; {nearest(key, known)}" for key in tree if key not in known]
+    if model is not None and launcher:
+        problems.append(f"{launcher[0]} has no effect: rows are scored in this process; leave it out")
     if model is not None:
         problems += without_effect([*tree], config_dirs)
     for key, allowed in (("format", FORMATS), ("tracking", TRACKING)):
@@ -169,8 +175,9 @@ def _request(data: str, words: Sequence[str], flags: Sequence[str], paths: Seque
     format_ = own.get("format", "csv" if data.lower().endswith(".csv") else "parquet")
     output = Path(str(own.get("output", "outputs")))
     return Request(
-        data, tuple(words), ask, "--explain" in flags, output, name, format_, own.get("tracking") != "none", model
-    )
+        data, tuple(words), ask, "--explain" in flags, output, name, format_, own.get("tracking") != "none", model,
+        launcher, tuple(config_dirs),
+    )  # fmt: skip
 
 
 def _stem(data: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -13,6 +14,7 @@ from credit.core.errors import UserError, nearest
 from credit.logged.formulas.terms import Terms
 from credit.logged.panel import Floats, Ints, Panel, Part, Roles
 from credit.logged.progress import watched
+from credit.logged.spreading import mapped
 
 Sign = Literal["positive", "negative"]
 SIGNS = {"positive": 1, "negative": -1}
@@ -138,6 +140,14 @@ def aggregated(part: Part, values: Floats, roles: Roles) -> Floats:
 
 def windowed(panel: Panel, models: Sequence[Designed], extra: Sequence[str] = ()) -> tuple[list[Floats], Floats]:
     """The design of windows of each model [W, D], in one pass; and of further numeric columns of the rows [W, E]."""
+    found = mapped(partial(_windowed, models=models, extra=extra), panel)
+    if len(found) == 1:
+        return found[0]
+    every, further = zip(*found, strict=True)
+    return [np.concatenate(parts) for parts in zip(*every, strict=True)], np.concatenate(further)
+
+
+def _windowed(panel: Panel, models: Sequence[Designed], extra: Sequence[str]) -> tuple[list[Floats], Floats]:
     count = len(panel.windows)
     found = [np.empty((count, len(model.terms.names))) for model in models]
     further = np.empty((count, len(extra)))

@@ -172,9 +172,15 @@ class Panel(ABC):
     said: tuple[str, ...]
     known: Known
 
+    first: int = 0  # number of the first window among those of the table of which this is a section
+
     @abstractmethod
     def parts(self) -> Iterator[Part]:
         """All rows, in order."""
+
+    def sections(self) -> list[Panel]:
+        """The same as panels of some windows each, which have nothing to carry over to each other; one of all."""
+        return [self]
 
 
 def plain(value: Any) -> Any:

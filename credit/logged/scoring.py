@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +17,7 @@ from credit.logged.panel import Floats, Panel, Part
 from credit.logged.recovered import Recovered, thetas
 from credit.logged.residuals.balance import balanced
 from credit.logged.residuals.whitening import Layout, errors
+from credit.logged.spreading import mapped
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -61,15 +63,37 @@ class Judged:
 
 def scored(found: Recovered) -> tuple[Scored, Judged]:
     """Score all rows that models were fitted to, and judge them by their windows."""
-    held_out = np.full((len(found.models) + 1, len(found.panel.windows)), np.nan)
+    slim = replace(found, panel=_Nothing(), plain_design=found.plain_design[:0])
+    parts = mapped(partial(_scored, found=slim), found.panel)
+    rows = [one for one, _, _ in parts]
+    whole = rows[0]
+    if len(rows) > 1:
+        columns = {one.name: [getattr(some, one.name) for some in rows] for one in fields(Scored)}
+        whole = Scored(**{name: np.concatenate(each, axis=-1) for name, each in columns.items()})
+    fitted, held_out = (np.concatenate(each, axis=-1) for each in list(zip(*parts, strict=True))[1:])
+    return whole, _judged(found, fitted, held_out)
 
+
+class _Nothing(Panel):
+    """In the place of a panel where jobs have their own sections of it."""
+
+    def parts(self) -> Iterator[Part]:
+        """None."""
+        return iter(())
+
+
+def _scored(section: Panel, found: Recovered) -> tuple[Scored, Floats, Floats]:
+    """Rows of a section, what labels of its windows are by them [w], and by fits that had not seen them [M + 1, w]."""
+    own = slice(section.first, section.first + len(section.windows))
+    found = replace(found, panel=section, folds=replace(found.folds, piece=found.folds.piece[own]))
+    held_out = np.full((len(found.models) + 1, len(section.windows)), np.nan)
     columns = found.columns
 
     def hold_out(part: Part, own: slice, designs: list[Floats]) -> None:
         _hold_out(found, part, designs, columns, held_out[:, own])
 
-    rows, fitted = credited(found.fitted, found.panel, hold_out)
-    return rows, _judged(found, fitted, held_out)
+    rows, fitted = credited(found.fitted, section, hold_out)
+    return rows, fitted, held_out
 
 
 def credited(

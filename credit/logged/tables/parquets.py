@@ -58,11 +58,12 @@ class ParquetSource(Source):
     """Parquet files that are one table; `key=value` in their folders' names is a column.
 
     Args:
-        paths: in order. name: for messages. place: what holds the files, where they are temporary.
+        paths: in order. name: for messages. place: what holds the files, where they are temporary. first: number of the
+            first row.
     """
 
-    def __init__(self, paths: Sequence[Path], name: str, place: Workplace | None = None) -> None:
-        self.name, self._paths, self._place = name, [*paths], place
+    def __init__(self, paths: Sequence[Path], name: str, place: Workplace | None = None, first: int = 0) -> None:
+        self.name, self._paths, self._place, self._first = name, [*paths], place, first
         self._data = _dataset(self._paths)
         names = self._data.schema.names
         twice = next((column for column in names if names.count(column) > 1), None)
@@ -73,6 +74,20 @@ class ParquetSource(Source):
         self.rows = self._data.count_rows()
         if not self.rows:
             raise UserError(f"{name}: there are no rows in it, only the names of columns; give one row a step")
+
+    def pieces(self) -> list[Source]:
+        """Its files, where they are those that were given."""
+        if self._place is not None or len(self._paths) == 1:
+            return [self]
+        found: list[Source] = []
+        first = self._first
+        for path in self._paths:
+            found.append(ParquetSource([path.resolve()], str(path), first=first))
+            first += found[-1].rows
+        return found
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return ParquetSource, (self._paths, self.name, None, self._first)
 
     def tables(self, columns: Sequence[str], least: int | None = None) -> Iterator[tuple[pa.Table, Ints]]:
         """Rows in order, as pyarrow has them, with their numbers."""
@@ -124,7 +139,7 @@ class ParquetSource(Source):
     def _numbers(self, table: pa.Table, first: int) -> tuple[pa.Table, Ints]:
         if self._numbered:
             return table.drop_columns([ROW]), table[ROW].to_numpy()
-        return table, np.arange(first, first + table.num_rows)
+        return table, np.arange(first, first + table.num_rows) + self._first
 
     def _safely(self, items: Any) -> Iterator[Any]:
         """Items, with a damaged page said as such."""

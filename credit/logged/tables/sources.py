@@ -43,6 +43,10 @@ class Source(ABC):
     def sample(self) -> pd.DataFrame:
         """Some stretches of rows with all columns."""
 
+    def pieces(self) -> list[Source]:
+        """The same as several tables, one after the other, where it lies in several files."""
+        return [self]
+
     def whole(self, columns: Sequence[str]) -> tuple[pd.DataFrame, Ints]:
         """All rows at once, with their numbers."""
         import pandas as pd

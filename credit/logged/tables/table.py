@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from credit.core.errors import UserError
 from credit.logged.panel import Ints, Panel, Part, Windows
 from credit.logged.tables.features import Features
 from credit.logged.tables.known import Known
@@ -54,6 +56,41 @@ class Table(Panel):
             window = int(part.window[-1]) + 1
             yield Part(part.frame, part.window, part.group, bool(part.group[0] == group))
             group = int(part.group[-1])
+
+    def sections(self) -> list[Panel]:
+        """One a file.
+
+        Raises:
+            UserError: a window, or a group, goes on from one file to the next.
+        """
+        pieces = self._source.pieces()
+        if len(pieces) == 1:
+            return [self]
+        if len(self._lengths) != len(self.windows):
+            raise UserError(
+                f"{self.source}: windows were dropped (data.missing=drop), and files cannot be jobs; fill gaps"
+            )
+        ends, bounds = np.cumsum(self._lengths), np.cumsum([piece.rows for piece in pieces])
+        last = np.searchsorted(ends, bounds)
+        windows = self.windows
+        for piece, at, bound in zip(pieces, last[:-1], bounds, strict=False):
+            if ends[at] != bound or windows.group[at] == windows.group[at + 1]:
+                what = f"window {windows.id[at]}" if ends[at] != bound else f"group {windows.groups[windows.group[at]]}"
+                raise UserError(
+                    f"{piece.name}: {what} goes on in the next file, and jobs have nothing to carry over to each "
+                    "other; write whole groups into a file, or leave hydra/launcher out"
+                )
+        found: list[Panel] = []
+        for piece, begin, end in zip(pieces, [0, *(last[:-1] + 1)], last + 1, strict=True):
+            own = slice(int(begin), int(end))
+            some = replace(
+                windows, id=windows.id[own], group=windows.group[own], time=windows.time[own], steps=windows.steps[own],
+                label=windows.label[own], key=windows.key[own],
+            )  # fmt: skip
+            section = Table(piece, self.known, self._features, some, self._lengths[own], ())
+            section.first = int(begin)
+            found.append(section)
+        return found
 
     def _part(self, frame: pd.DataFrame, rows: Ints, local: Ints, window: int) -> Part:
         """The rows that stay, with their windows counted from `window`."""
