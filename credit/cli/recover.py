@@ -111,7 +111,7 @@ def _require_files(panel: Panel, asked: Request) -> None:
     """Refuse a launcher that would have nothing to launch.
 
     Raises:
-        UserError: the table is one file, or its files are not apart; or a model needs all rows.
+        UserError: the table is one file, or a window or a group goes on from one file to the next.
     """
     from credit.config import launchers
     from credit.core.errors import UserError

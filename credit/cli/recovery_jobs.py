@@ -50,13 +50,13 @@ def runner(words: Sequence[str], folder: Path, config_dirs: Sequence[str]) -> Ru
     """
 
     def run(function: Callable[[Panel], Any], sections: Sequence[Panel]) -> list[Any]:
-        folder.mkdir(parents=True)
+        folder.mkdir(parents=True, mode=0o700)  # what jobs unpickle is nobody else's to write
         try:
             (folder / "function").write_bytes(pickle.dumps(function))
             for number, section in enumerate(sections):
                 (folder / f"section-{number}").write_bytes(pickle.dumps(section))
             launcher = launchers.choose(words, len(sections), False, config_dirs)
-            place = {"session": "recover", "output": str(folder.parent)}
+            place = {"session": "recover", "output": str(folder)}
             errors = launchers.launch(Pass(folder.resolve()), len(sections), launcher, place, list(config_dirs))
             return [_found(folder, number, errors) for number in range(len(sections))]
         finally:
