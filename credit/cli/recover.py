@@ -91,6 +91,7 @@ def _prepared(asked: Sequence[Request]) -> Iterator[tuple[Request, Panel, list[A
     from credit.cli.recovery_data import resolved
     from credit.logged.mixers import saved_mixer
     from credit.logged.tables.opening import opened
+    from credit.logged.tables.sources import MEMORY
     from credit.logged.writing import Folder
 
     panels: dict[str, Panel] = {}  # the same words of data are the same table
@@ -99,8 +100,8 @@ def _prepared(asked: Sequence[Request]) -> Iterator[tuple[Request, Panel, list[A
         saved_mixer(one.ask.mixer)
         words = repr((one.ask.data, one.launcher))
         if words not in panels:
-            whole = {"memory": 0} if one.launcher else {}  # as files, however small they are
-            panels[words] = opened(*resolved(one.data, one.ask.data), **whole)
+            memory = 0 if one.launcher else MEMORY  # as files, however small they are
+            panels[words] = opened(*resolved(one.data, one.ask.data), memory=memory)
         one.ask.require(panels[words])
         if one.launcher:
             _require_files(panels[words], one)

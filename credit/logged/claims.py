@@ -16,9 +16,10 @@ import numpy as np
 from credit.logged.fits.linear import Fitting
 from credit.logged.fits.ridge import solutions
 from credit.logged.models import windowed
-from credit.logged.panel import INTERCEPT, Column, Floats, Windows
+from credit.logged.panel import INTERCEPT, Column, Floats, Ints, Panel, Windows
 from credit.logged.recovered import Recovered
 from credit.logged.residuals.whitening import Layout, whiten
+from credit.logged.spreading import mapped
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -92,14 +93,10 @@ def labelled_share(found: Recovered) -> pd.DataFrame:
     import pandas as pd
 
     panel = found.panel
-    counts: dict[tuple[str, str], list[float]] = {}
-    for part in panel.parts():
-        held = panel.windows.labelled[part.window]
-        for name in panel.roles.features:
-            for value, rows in bins(part.frame[name], panel.columns[name]):
-                entry = counts.setdefault((name, value), [0, 0])
-                entry[0] += int(rows.sum())
-                entry[1] += int((rows & held).sum())
+    counts: dict[tuple[str, str], Ints] = {}
+    for section in mapped(_counted, panel):
+        for key, some in section.items():
+            counts[key] = counts.get(key, 0) + some
     share = panel.windows.labelled[np.repeat(np.arange(len(panel.windows)), panel.windows.steps)].mean()
     each = panel.rows / len(panel.windows)
     lines = []
@@ -116,6 +113,18 @@ def labelled_share(found: Recovered) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(lines, columns=["column", "value", "rows", "labelled", "differs"])
+
+
+def _counted(section: Panel) -> dict[tuple[str, str], Ints]:
+    """(feature, value) → rows, and those in labelled windows [2]."""
+    counts: dict[tuple[str, str], Ints] = {}
+    for part in section.parts():
+        held = section.windows.labelled[part.window]
+        for name in section.roles.features:
+            for value, rows in bins(part.frame[name], section.columns[name]):
+                some = np.array([rows.sum(), (rows & held).sum()])
+                counts[name, value] = counts.get((name, value), 0) + some
+    return counts
 
 
 def bins(series: pd.Series, column: Column) -> list[tuple[str, np.ndarray]]:
