@@ -20,6 +20,7 @@ BENCHES = {
     "reliability": "runs and a sweep that are killed and gone on with; what tracking bears, and costs",
     "sepsis": "the solver for thousands of unknown rewards: time, growth, against a dense solve, memory",
     "train": "whole runs of SAC with recovered rewards against Stable-Baselines3: time and its parts, memory",
+    "recover": "ten million logged rows from disk to disk: time, memory, jobs a file; the fit against scikit-learn's",
     "returns": "returns of SAC and DQN on true rewards against Stable-Baselines3's: hours, and only by name",
 }
 LONG = {"returns"}
