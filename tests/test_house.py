@@ -2,7 +2,7 @@
 
 core  ◄  networks, planning, data  ◄  envs · recovery · rivals · agents · judges  ◄  trainer  ◄  runs  ◄  cli
          config, on core ◄ runs, cli        tracking, report: on run folders ◄ cli        bench, testing: all
-         tuning: Optuna's studies, on runs ◄ cli        logged: the recovery half, on core and recovery ◄ cli
+         tuning: Optuna's studies, on runs ◄ cli        logged: on core, recovery and what is registered ◄ cli
          bridges, on core and encoders, for agents of other libraries        api: what commands do, from Python, on cli
 """
 
@@ -32,7 +32,8 @@ BELOW: dict[str, set[str]] = {  # room → the rooms that it may import, beside 
     "rivals": CORE | TOOLS | {"recovery.models"},  # a rival may use a model of recovery's
     "rounds": CORE,
     "trainer": LOOP,
-    "logged": CORE | {"recovery", "data"},  # the recovery half alone, on tables of rows
+    # the recovery half alone, on tables of rows; a saved model may name what is registered, and nothing else
+    "logged": CORE | {"recovery", "data", "config.classes"},
     "bridges": CORE | {"envs", "rivals"},  # for agents of other libraries: labels of environments, and rules
     "config": CORE,
     "runs": LOOP | {"config"},

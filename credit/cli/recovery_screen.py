@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from credit.cli.output import page
+from credit.logged.registered import Registered
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -34,6 +35,9 @@ def explained(panel: Panel, models: Sequence[AnyModel], asked: Request) -> None:
         console.print(shown if model.terms.choices else f"{model.name:<8} {formula}")
     for sentence in panel.said:
         console.print(f"  · {sentence}")
+    for model in models:
+        if isinstance(model, Registered) and model.unsaved:
+            console.print(f"  · there will be no model/ for new rows: {model.name}: {model.unsaved}")
     if asked.explain:
         options = asked.ask.options
         console.print(
@@ -67,8 +71,8 @@ def shown(found: LoggedCredit, folder: Path) -> None:
     for name, choice in found.chosen.items():
         if choice:
             console.print(f"  · {name}: {', '.join(choice.values())}")
-    if not found.found.fitted.saves:
-        console.print("  · there is no model/ for new rows: a registered reward model is among the models")
+    if unsaved := found.found.fitted.unsaved:
+        console.print(f"  · there is no model/ for new rows: {unsaved}")
     _untold(console, found)
     _effects(console, found)
     for name, (alike, last) in found.r_squared.items():

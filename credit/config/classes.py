@@ -78,6 +78,12 @@ def node_of_option(kind: str, name: str, config_dirs: Sequence[str] = ()) -> dic
     return {}
 
 
+def registered(kinds: Sequence[str]) -> frozenset[str]:
+    """The `_target_` of every option of some kinds, of credit and of packages that announced themselves."""
+    nodes = [node_of_option(kind, name) for kind in kinds for name in files.options(kind)]
+    return frozenset(str(node["_target_"]) for node in nodes if is_component(node))
+
+
 @cache
 def allowed_packages() -> frozenset[str]:
     """`credit`, and every package with an entry point in the group `credit.components`."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -19,8 +20,9 @@ from credit.logged.panel import Floats, Ints
 if TYPE_CHECKING:
     from credit.core.seams import Mixer
     from credit.logged.fits.linear import LinearFit
-    from credit.logged.fits.mixture import Predictor
+    from credit.logged.fits.predicting import RegisteredFit
     from credit.logged.registered import Registered
+    from credit.logged.tables.known import Known
 
 Arrays = Mapping[str, np.ndarray]
 
@@ -41,8 +43,8 @@ class Part(Protocol):
         """What JSON knows, with its `kind`, and arrays of numbers."""
 
     @classmethod
-    def read(cls, plain: Mapping[str, Any], arrays: Arrays) -> Part:
-        """What was saved; any error where it was not."""
+    def read(cls, plain: Mapping[str, Any], arrays: Arrays, known: Known) -> Part:
+        """What was saved of a table whose columns are `known`; any error where it was not."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ class Linear:
         return plain, {"columns": self.columns, "theta": self.theta, "penalty": self.penalty}
 
     @classmethod
-    def read(cls, plain: Mapping[str, Any], arrays: Arrays) -> Linear:
+    def read(cls, plain: Mapping[str, Any], arrays: Arrays, known: Known) -> Linear:
         """What was saved.
 
         Raises:
@@ -99,14 +101,14 @@ class Linear:
 
 @dataclass(frozen=True)
 class Alive:
-    """A registered model that was fitted: it scores rows as long as Python lives, and is not saved.
+    """A registered model that was fitted.
 
     Attributes:
         model: with how rows are steps. theta: predicts all fits.
     """
 
     model: Registered
-    theta: Predictor
+    theta: RegisteredFit
     chosen: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -115,23 +117,53 @@ class Alive:
         return np.arange(len(self.model.terms.names))
 
     def saved(self) -> tuple[dict[str, Any], Arrays]:
-        """Refused.
+        """Plain values and arrays.
 
         Raises:
-            UserError: always.
+            UserError: it could not be made again, or its state is none that can be saved.
         """
-        raise UserError(
-            f"{self.model.name} is a registered reward model, and formulas alone are saved; score rows by the result "
-            "that you have, found.predict(frame), or recover with formulas"
-        )
+        from credit.logged.nodes import described
+
+        spaces, chosen = self.model.terms.spaces, self.model.chosen
+        try:
+            fit, arrays = self.theta.saved()
+        except TypeError as error:  # of a state that no checkpoint can hold, either
+            raise UserError(str(error)) from None
+        plain = {
+            "kind": "registered",
+            "name": self.model.name,
+            "node": described(chosen.model, chosen.node),
+            "own": chosen.own,
+            "spaces": {"sizes": spaces.sizes, "window": spaces.window, "even": spaces.even},
+            "fit": fit,
+        }
+        return plain, arrays
 
     @classmethod
-    def read(cls, plain: Mapping[str, Any], arrays: Arrays) -> Alive:
-        """Nothing of the kind was saved."""
-        raise ValueError(f"{plain['kind']} is not read")
+    def read(cls, plain: Mapping[str, Any], arrays: Arrays, known: Known) -> Alive:
+        """What was saved.
+
+        Raises:
+            KeyError, TypeError, ValueError: it is no such thing; a UserError for what is not registered.
+        """
+        from credit.core.seams import RewardModel
+        from credit.logged.fits.predicting import RegisteredFit
+        from credit.logged.nodes import made
+        from credit.logged.registered import Chosen, Registered, StepTerms
+        from credit.logged.steps import Spaces
+
+        name, said, node = str(plain["name"]), plain["spaces"], plain["node"]
+        sizes = None if said["sizes"] is None else (int(said["sizes"][0]), int(said["sizes"][1]))
+        spaces = Spaces(known.roles, known.columns, sizes, int(said["window"]), bool(said["even"]))
+        model = made(node, RewardModel, name)
+        try:
+            fit = RegisteredFit.read(plain["fit"], arrays, lambda: made(node, RewardModel, name), spaces)
+        except Exception as error:  # whatever a model says to a state that is not its own
+            raise ValueError(f"the model {name}: {type(error).__name__}: {error}") from None
+        return cls(Registered(name, Chosen(model, bool(plain["own"]), node), StepTerms.of(spaces, model)), fit)
 
 
-KINDS: dict[str, type[Linear]] = {"linear": Linear}
+KINDS: dict[str, type[Linear | Alive]] = {"linear": Linear, "registered": Alive}
 
 
 @dataclass(frozen=True)
@@ -156,10 +188,15 @@ class Fitted:
         """Without their fits."""
         return tuple(one.model for one in self.parts)
 
-    @property
-    def saves(self) -> bool:
-        """Whether all of them can be saved."""
-        return all(isinstance(one, Linear) for one in self.parts)
+    @cached_property
+    def unsaved(self) -> str:
+        """Why they cannot be saved; "" where they can."""
+        for one in self.parts:
+            try:
+                one.saved()
+            except UserError as error:
+                return f"{one.model.name}: {error}"
+        return ""
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ from credit.logged.registered import Registered
 if TYPE_CHECKING:
     from credit.core.seams import Mixer
     from credit.logged.fits.mixture import Theta
-    from credit.logged.fits.registered import RegisteredFit
+    from credit.logged.fits.predicting import RegisteredFit
 
 AnyModel = Model | Registered
 

@@ -25,7 +25,7 @@ from credit.logged.residuals.whitening import Layout, whiten
 
 if TYPE_CHECKING:
     from credit.core.seams import Mixer
-    from credit.logged.fits.registered import RegisteredFit
+    from credit.logged.fits.predicting import RegisteredFit
 
 PLAIN = "plain"  # the linear model on all columns, by which windows are judged where the reference is none
 HELD_OUT_DRAWS = 50  # at most, of fits that have not seen a fold

@@ -64,6 +64,11 @@ class StepTerms:
     choices: tuple[Any, ...] = ()
     sampled: bool = False
 
+    @classmethod
+    def of(cls, spaces: Spaces, model: RewardModel) -> StepTerms:
+        """Those of a model."""
+        return cls(spaces, f"{type(model).__name__} {model.name!r}: {spaces.said}")
+
     @property
     def names(self) -> tuple[str, ...]:
         """Of all columns."""
@@ -95,11 +100,13 @@ class Registered:
 
     Attributes:
         name: in tables, files and figures. chosen: the model, not started. terms: its design, the numbers of a step.
+        unsaved: why it cannot be saved; "" where it can, as far as that is known before it is fitted.
     """
 
     name: str
     chosen: Chosen
     terms: StepTerms
+    unsaved: str = ""
 
     @classmethod
     def of(cls, name: str, path: str, chosen: Chosen, panel: Panel, draws: int) -> Registered:
@@ -135,7 +142,20 @@ class Registered:
         if chosen.own:
             _require_draws(path, model, draws)
         model.start(problem, places_of([model], problem))
-        return cls(name, chosen, StepTerms(spaces, f"{type(model).__name__} {model.name!r}: {spaces.said}"))
+        return cls(name, chosen, StepTerms.of(spaces, model), _unsaved(chosen, model))
+
+
+def _unsaved(chosen: Chosen, started: RewardModel) -> str:
+    """Why a model cannot be saved."""
+    from credit.logged.fits.states import split
+    from credit.logged.nodes import described
+
+    try:
+        described(chosen.model, chosen.node)
+        split(started.acting(), {})
+    except (UserError, TypeError) as error:
+        return str(error)
+    return ""
 
 
 def _require_labels(path: str, model: RewardModel, panel: Panel) -> None:

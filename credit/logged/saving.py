@@ -16,7 +16,7 @@ import numpy as np
 from credit.core.errors import UserError
 from credit.core.version import __version__
 from credit.logged.fits.telling import Telling
-from credit.logged.fitted import KINDS, Fitted
+from credit.logged.fitted import KINDS, Fitted, Part
 from credit.logged.mixers import read_mixer, saved_mixer
 from credit.logged.models import aggregated
 from credit.logged.panel import plain
@@ -159,13 +159,13 @@ class SavedModel:
 
     @classmethod
     def _made(cls, whole: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> SavedModel:
-        parts = []
+        parts, known = list[Part](), Known.from_dict(whole["known"])
         for number, one in enumerate(whole["models"]):
             if one["kind"] not in KINDS:
                 raise ValueError(f"{one['kind']!r} is no kind of model: {', '.join(KINDS)}")
             mark = f"{number}."
             own = {name.removeprefix(mark): values for name, values in arrays.items() if name.startswith(mark)}
-            parts.append(KINDS[one["kind"]].read(one, own))
+            parts.append(KINDS[one["kind"]].read(one, own, known))
         if not parts or len({part.model.name for part in parts}) < len(parts):
             raise ValueError("it has no models, or two of one name")
         if len({len(part.theta) for part in parts}) > 1:
@@ -184,7 +184,7 @@ class SavedModel:
         )
         return cls(
             fitted,
-            Known.from_dict(whole["known"]),
+            known,
             float(whole["rate"]),
             telling,
             told,

@@ -89,7 +89,7 @@ class Folder:
         """`model/`, once, where all models can be saved."""
         from credit.logged.saving import SavedModel
 
-        if found.fitted.saves and not (self.path / MODEL).exists():
+        if not found.fitted.unsaved and not (self.path / MODEL).exists():
             SavedModel.of(found).write(self.path / MODEL)
 
     def write(self, found: LoggedCredit, format: str = "parquet") -> None:

@@ -19,6 +19,7 @@ class Adam(Stateful):
     """
 
     keeps: ClassVar = ("mean", "square", "steps")
+    acts: ClassVar = ()
 
     def __init__(self, weights: Tensor, gradient: Tensor, learning_rate: float) -> None:
         self.weights, self.gradient, self.learning_rate = weights, gradient, learning_rate

@@ -44,6 +44,19 @@ def test_options_and_formulas_go_together(log: Path, capsys: pytest.CaptureFixtu
     assert "lambda_reference" not in summary["metrics"]
 
 
+def test_registered_models_score_rows_again(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    network = ("surrogates.net=dnn", "surrogates.net.width=4", "surrogates.net.first_steps=3", "folds=2")
+    assert recover("reference=ridge", "surrogates.s.formula=1 + s", *network) == 0
+    assert main(["recover", "log.csv", "--model", "outputs/recover/log", "name=again", "tracking=none"]) == 0
+    one, two = (pd.read_csv(f"outputs/recover/{name}/steps.csv") for name in ("log", "again"))
+    pd.testing.assert_frame_equal(one, two, rtol=1e-6)
+    path = Path("outputs/recover/log/model/model.json")
+    path.write_text(path.read_text().replace("credit.recovery.models.linear.LinearModel", "shutil.rmtree"))
+    capsys.readouterr()
+    assert main(["recover", "log.csv", "--model", "outputs/recover/log", "name=other", "tracking=none"]) == 2
+    assert "'shutil.rmtree' is no registered part" in capsys.readouterr().err
+
+
 def test_a_uncertainty_brings_its_draws(log: Path) -> None:
     words = [word for word in WORDS if not word.startswith("draws")]
     assert main(["recover", "log.csv", *words, "reference=ridge", "uncertainty=bootstrap", "uncertainty.draws=13"]) == 0

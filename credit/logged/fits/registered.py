@@ -20,12 +20,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from credit.core.seams import Places, RewardModel
+from credit.core.seams import RewardModel
 from credit.core.signatures import component_kind, signature
 from credit.core.store import Store
 from credit.core.windows import Windows
 from credit.logged.fits.mixture import PREDICTED
 from credit.logged.fits.odds import intercept
+from credit.logged.fits.predicting import RegisteredFit, Started
 from credit.logged.fits.units import Units, exponential
 from credit.logged.fits.weighing import Single, Weighed, times
 from credit.logged.panel import Floats, Ints
@@ -40,60 +41,6 @@ if TYPE_CHECKING:
 LARGEST = 200_000_000  # numbers of all rows
 REPLICATED = 30_000_000  # numbers of rows in replicas that are fitted side by side
 AT_ONCE = 2_000  # windows that are added to weighted fits together
-
-
-class RegisteredFit:
-    """A model that was fitted.
-
-    Args:
-        spaces: how rows are steps. models: with the places of each: one, or several of some replicas each. reference:
-            whether it is the reference, whose variance has a prior where nothing was seen. normal: of draws, where the
-            model has a mean and a deviation alone [B]. replicas: whether replicas are the draws.
-        draws: how many are told.
-    """
-
-    def __init__(
-        self,
-        spaces: Spaces,
-        models: Sequence[tuple[RewardModel, Places]],
-        reference: bool,
-        normal: Floats | None,
-        replicas: bool,
-        draws: int,
-    ) -> None:
-        self._spaces, self._models, self._reference = spaces, models, reference
-        self._normal, self._replicas, self.draws = normal, replicas, draws
-        self.intercept = 0.0  # of windows' log-odds, where labels are bits
-
-    @torch.no_grad()
-    def __call__(self, design: Floats) -> tuple[Floats, Floats]:
-        """What all fits predict of rows [n, F], the point first [n, 1 + B]; and by how much the model's variance is
-        larger than that of the draws [n]."""
-        steps = self._spaces.steps(design)
-        if self._replicas:
-            means = [model.believe(steps).mean for model, _ in self._models]
-            return np.ascontiguousarray(_numbers(torch.cat(means)).T), np.zeros(len(design))
-        model, places = self._models[0]
-        found = model.believe(steps)
-        mean, variance = _numbers(found.mean[0]), _numbers(found.variance[0])
-        if self._normal is None:
-            assert found.draws is not None
-            draws = _numbers(found.draws[0, : self.draws]).T
-        else:
-            draws = mean[:, None] + np.sqrt(np.maximum(variance, 0))[:, None] * self._normal[: self.draws]
-        beyond = variance - draws.var(1)
-        if self._reference and places.visits is not None and places.cells is not None:
-            seen = places.visits.gather(1, places.cells.index(steps)[None])
-            beyond = beyond + _numbers(torch.as_tensor(model.prior(seen)).expand(seen.shape)[0])
-        return np.concatenate([mean[:, None], draws], axis=1), beyond
-
-    def state_dict(self) -> list[dict[str, Any]]:
-        """Of each of its models."""
-        return [model.state_dict() for model, _ in self._models]
-
-
-def _numbers(values: Tensor) -> Floats:
-    return values.to(torch.float64).numpy()
 
 
 @dataclass(frozen=True)
@@ -149,7 +96,7 @@ class Team:
         found = ndtri(-np.expm1(-exponential(keys, self.draws, self.seed)[0]))
         return (found - found.mean()) / (found.std() or 1.0)
 
-    def _alone(self, model: RewardModel, known: np.ndarray) -> tuple[RewardModel, Places]:
+    def _alone(self, model: RewardModel, known: np.ndarray) -> Started:
         """Fit one replica to all windows; those that are added up come in parts."""
         chosen = np.arange(len(self.windows))
         problem, bare = self._problem(model, (self.seed,), bool(known.all())), copy.deepcopy(model)
@@ -163,9 +110,9 @@ class Team:
             store.append(self._windows(model, [chosen[first : first + at_once]], known))
             places.extend(store)
             model.observe(store)
-        return (model, places) if problem.tabular else (self._lean(bare, model, problem), places)
+        return Started(model if problem.tabular else self._lean(bare, model, problem), places, problem)
 
-    def _replicas(self, model: RewardModel, known: np.ndarray, draws: int) -> Iterator[tuple[RewardModel, Places]]:
+    def _replicas(self, model: RewardModel, known: np.ndarray, draws: int) -> Iterator[Started]:
         """Fit a replica a draw to its windows, some replicas at a time."""
         labelled = np.flatnonzero(known)
         often = times(self.units, self.units.of[labelled], draws, self.seed)
@@ -181,7 +128,7 @@ class Team:
             store.append(self._windows(fresh, chosen, known))
             places.extend(store)
             fresh.observe(store)
-            yield (fresh, places) if problem.tabular else (self._lean(bare, fresh, problem), places)
+            yield Started(fresh if problem.tabular else self._lean(bare, fresh, problem), places, problem)
 
     def _lean(self, bare: RewardModel, fitted: RewardModel, problem: Any) -> RewardModel:
         """The same model, without the rows that it was fitted to."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -16,6 +16,7 @@ from credit.core.errors import RunError, UserError
 from credit.core.problem import FLOAT, Problem
 from credit.core.ranges import Credit, Name, Positive
 from credit.core.seams import FeatureMap, Likelihood, Places
+from credit.core.state import pack
 from credit.core.steps import Steps
 from credit.core.store import Store
 from credit.core.tensors import CACHED, by_replica, matvec
@@ -116,6 +117,10 @@ class LinearModel(RidgeModel):
 
     def _names(self) -> tuple[str, ...]:
         return (*super()._names(), *(() if self._odds is None else ("_odds",)))
+
+    def acting(self) -> dict[str, Any]:
+        """What predictions look at: of the inverses that of the point fit; the others are for windows to come."""
+        return super().acting() | {"_inverse": pack(self._inverse[:, :1], "LinearModel._inverse")}
 
     def observe(self, store: Store) -> None:
         """Update every fit with the newest windows, or fit all windows anew, as the uncertainty has it.
