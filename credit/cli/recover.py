@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from credit.cli.main import guarded
@@ -89,12 +90,14 @@ def main(argv: list[str]) -> int:
 def _prepared(asked: Sequence[Request]) -> Iterator[tuple[Request, Panel, list[AnyModel]]]:
     """What is asked, with opened tables and models: all that can be refused is, before the first fit."""
     from credit.cli.recovery_data import resolved
+    from credit.cli.recovery_place import placed, settled, written
     from credit.logged.mixers import saved_mixer
     from credit.logged.tables.opening import opened
     from credit.logged.tables.sources import MEMORY
     from credit.logged.writing import Folder
 
     panels: dict[str, Panel] = {}  # the same words of data are the same table
+    taken: list[Path] = []
     for one in asked:
         Folder.require_free(one.folder)
         saved_mixer(one.ask.mixer)
@@ -105,7 +108,10 @@ def _prepared(asked: Sequence[Request]) -> Iterator[tuple[Request, Panel, list[A
         one.ask.require(panels[words])
         if one.launcher:
             _require_files(panels[words], one)
-        yield one, panels[words], one.ask.models(panels[words])
+        models = one.ask.models(panels[words])
+        place = placed(one, written(one, settled(one, panels[words], models)), taken)
+        taken.append(place.folder)
+        yield place, panels[words], models
 
 
 def _require_files(panel: Panel, asked: Request) -> None:
@@ -145,11 +151,14 @@ def _one(asked: Request, panel: Panel, models: list[AnyModel]) -> None:
     explained(panel, models, asked)
     if asked.explain:
         return
+    from credit.cli.recovery_place import CONFIG, parameters, settled, written
     from credit.cli.recovery_screen import progress
     from credit.logged.result import LoggedCredit
     from credit.logged.writing import Folder
 
+    tree = settled(asked, panel, models)
     with _kept(asked), progress(), _spread(asked), Folder.made(asked.folder, asked.words) as folder:
+        folder.write_text(CONFIG, written(asked, tree))
         fitted = asked.ask.fit(panel, models)
         folder.write_model(fitted)  # first: Ctrl-C keeps it
         found = LoggedCredit.of(fitted)
@@ -158,7 +167,8 @@ def _one(asked: Request, panel: Panel, models: list[AnyModel]) -> None:
     if asked.tracked:
         from credit.tracking.report_run import log_folder
 
-        print(log_folder(asked.output, "recover", asked.name, asked.folder, found.metrics))
+        metrics = found.metrics | found.worth
+        print(log_folder(asked.output, "recover", asked.name, asked.folder, metrics, dict(parameters(tree))))
 
 
 @contextmanager
@@ -167,9 +177,12 @@ def _kept(asked: Request) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        if (asked.folder / "STOPPED").exists():
+        from credit.logged.writing import STOPPED, Folder
+
+        place = Folder.place(asked.folder, STOPPED)
+        if (place / STOPPED).exists():
             print(
-                f"the fit is kept: credit recover {asked.data} --model {asked.folder} name=NAME scores rows by it",
+                f"the fit is kept: credit recover {asked.data} --model {place} name=NAME scores rows by it",
                 file=sys.stderr,
             )
         raise

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from credit.cli.output import page
@@ -31,15 +32,19 @@ def score(asked: Sequence[Request]) -> None:
 
 
 def _prepared(asked: Sequence[Request]) -> Iterator[tuple[Request, SavedModel, Table]]:
+    from credit.cli.recovery_place import placed, settled, written
     from credit.logged.saving import SavedModel
     from credit.logged.tables.again import opened_again
     from credit.logged.writing import Folder
 
+    taken: list[Path] = []
     for one in asked:
         assert one.model is not None
         model = SavedModel.read(one.model)
         Folder.require_free(one.folder, keep_models=True)
-        yield one, model, opened_again(one.data, one.ask.data, model.known)
+        place = placed(one, written(one, settled(one, None, ())), taken)
+        taken.append(place.folder)
+        yield place, model, opened_again(one.data, one.ask.data, model.known)
 
 
 def _explained(asked: Request, model: SavedModel, panel: Table) -> None:
@@ -59,17 +64,20 @@ def _explained(asked: Request, model: SavedModel, panel: Table) -> None:
 
 
 def _one(asked: Request, model: SavedModel, panel: Table) -> None:
+    from credit.cli.recovery_place import CONFIG, parameters, settled, written
     from credit.logged.writing import Folder
 
     assert asked.model is not None
+    tree = settled(asked, None, ())
     with Folder.made(asked.folder, asked.words) as folder:
+        folder.write_text(CONFIG, written(asked, tree))
         table = model.score(panel)
         folder.write_scored(table, asked.model, asked.format)
     _shown(table, asked)
     if asked.tracked:
         from credit.tracking.report_run import log_folder
 
-        print(log_folder(asked.output, "recover", asked.name, asked.folder, table.metrics))
+        print(log_folder(asked.output, "recover", asked.name, asked.folder, table.metrics, dict(parameters(tree))))
 
 
 def _shown(table: ScoredTable, asked: Request) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from copy import deepcopy
+from dataclasses import dataclass, field, fields
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,6 +42,7 @@ class Request:
         output, name: the folder is OUTPUT/recover/NAME. format: of steps. tracked: whether it is logged to MLflow.
         model: the folder of a model that scores the rows; None: they are fitted. launcher: words that choose what runs
             passes over the table's files as jobs; none: this process. config_dirs: further folders of YAML files.
+        tree: keys that were typed, as nested mappings. named: whether the name was.
     """
 
     data: str
@@ -54,6 +56,8 @@ class Request:
     model: Path | None = None
     launcher: tuple[str, ...] = ()
     config_dirs: tuple[str, ...] = ()
+    tree: Mapping[str, Any] = field(default_factory=dict)
+    named: bool = False
 
     @property
     def folder(self) -> Path:
@@ -137,7 +141,8 @@ def _named(one: Request, every: Sequence[Sequence[str]], number: int) -> Request
     shared = set.intersection(*(set(words) for words in every))
     slug = ",".join(word for word in every[number] if word not in shared)
     safe = "".join(letter if letter.isalnum() or letter in "=.,_-" else "-" for letter in slug)[:120]
-    return replace(one, name=f"{one.name}/{number:02d}-{safe}")
+    base = one.name if one.named else f"{one.name}-sweep"
+    return replace(one, name=f"{base}/{number:02d}-{safe}")
 
 
 def _request(data: str, words: Sequence[str], flags: Sequence[str], paths: Sequence[tuple[str, str]]) -> Request:
@@ -149,6 +154,7 @@ def _request(data: str, words: Sequence[str], flags: Sequence[str], paths: Seque
         tree = _merged(_file(file), tree)
     problems: list[str] = []
     own = {key: tree.pop(key) for key in OWN if key in tree}
+    typed = deepcopy(tree)
     known = [*OWN, "mixer", "data", REFERENCE, "surrogates", *MODELS, *(one.name for one in fields(Options))]
     problems += [f"unknown key {key!r}; {nearest(key, known)}" for key in tree if key not in known]
     if model is not None and launcher:
@@ -176,7 +182,7 @@ def _request(data: str, words: Sequence[str], flags: Sequence[str], paths: Seque
     output = Path(str(own.get("output", "outputs")))
     return Request(
         data, tuple(words), ask, "--explain" in flags, output, name, format_, own.get("tracking") != "none", model,
-        launcher, tuple(config_dirs),
+        launcher, tuple(config_dirs), typed, "name" in own,
     )  # fmt: skip
 
 

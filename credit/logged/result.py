@@ -181,6 +181,14 @@ class LoggedCredit:
         return numbers
 
     @property
+    def worth(self) -> dict[str, float]:
+        """What each action was worth a unit, by the last of the models: the mixture, where there are several."""
+        found = self.effects[self.effects["model"] == self.models[-1]]
+        keys = [f"{name}_{level}" if isinstance(level, str) and level else name
+                for name, level in zip(found["action"], found["level"], strict=True)]  # fmt: skip
+        return {f"effect_{key}": float(value) for key, value in zip(keys, found["per_unit"], strict=True)}
+
+    @property
     def chosen(self) -> dict[str, dict[str, str]]:
         """Of each model, the parameters that folds chose for its terms."""
         return {one.model.name: dict(one.chosen) for one in self.found.fitted.parts}

@@ -39,16 +39,22 @@ class Folder:
     def made(cls, path: Path, words: Sequence[str]) -> Iterator[Folder]:
         """A folder that takes its place when all is written: beside it until then, and gone if that fails.
 
-        Where Ctrl-C stops it behind the fit, that is kept: `model/`, which scores rows, and a file STOPPED.
+        Where Ctrl-C stops it behind the fit, that is kept: `model/`, which scores rows, and a file STOPPED; beside an
+        earlier result, which stays.
 
         Raises:
-            UserError: the place is taken by something that is no recovery.
+            UserError: the place is taken by something that is no recovery, or nothing can be written there.
         """
         cls.require_free(path)
         beside = path.with_name(f".{path.name}.{os.getpid()}")
         shutil.rmtree(beside, ignore_errors=True)
         new = [folder for folder in beside.parents if not folder.exists()]  # the inmost first
-        beside.mkdir(parents=True)
+        try:
+            beside.mkdir(parents=True)
+        except OSError as error:
+            raise UserError(
+                f"{path}: nothing can be written there ({error.strerror}); choose another place by output=…"
+            ) from None
         try:
             yield cls(beside)
             cls._placed(beside, path, DONE, words)
@@ -68,9 +74,16 @@ class Folder:
     @staticmethod
     def _placed(beside: Path, path: Path, mark: str, words: Sequence[str]) -> None:
         (beside / mark).write_text(" ".join(words) + "\n", encoding="utf-8")
+        path = Folder.place(path, mark)
         if path.exists():
             shutil.rmtree(path)
         beside.rename(path)
+
+    @staticmethod
+    def place(path: Path, mark: str) -> Path:
+        """Where a recovery goes that ended in this way: what was stopped never in the place of what is whole."""
+        whole = mark == STOPPED and (path / DONE).exists()
+        return path.with_name(f"{path.name}-stopped") if whole else path
 
     @staticmethod
     def require_free(path: Path, keep_models: bool = False) -> None:
@@ -84,6 +97,10 @@ class Folder:
         ours = any((path / mark).exists() for mark in (DONE, STOPPED))
         if path.exists() and (not path.is_dir() or (any(path.iterdir()) and not ours)):
             raise UserError(f"{path}: this is there, and no recovery; choose another place by name=… or output=…")
+
+    def write_text(self, name: str, text: str) -> None:
+        """A file of one's own."""
+        (self.path / name).write_text(text, encoding="utf-8")
 
     def write_model(self, found: Recovered) -> None:
         """`model/`, once, where all models can be saved."""

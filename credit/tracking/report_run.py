@@ -15,7 +15,7 @@ from credit.tracking.describe import MAX_TAG, user
 from credit.tracking.mirrored import missing
 from credit.tracking.store import VARIABLE, dashboard, open_experiment, quiet_environment, resolve_uri
 
-MAX_METRICS = 1000
+MAX_METRICS, MAX_PARAMETERS, MAX_PARAMETER = 1000, 100, 6000  # at once, at once, letters
 
 
 def log_beside_runs(output: Path, experiment: str, folder: Path, metrics: Mapping[str, float]) -> str:
@@ -40,11 +40,18 @@ def log_beside_runs(output: Path, experiment: str, folder: Path, metrics: Mappin
     return f"Logged to MLflow as run `compare`; look at it with `{dashboard(output, tracking['uri'])}`."
 
 
-def log_folder(output: Path, experiment: str, name: str, folder: Path, metrics: Mapping[str, float]) -> str:
+def log_folder(
+    output: Path,
+    experiment: str,
+    name: str,
+    folder: Path,
+    metrics: Mapping[str, float],
+    parameters: Mapping[str, str] | None = None,
+) -> str:
     """Log a folder as a run of its own to the store of an output folder, or to the one that the environment names.
 
     Args:
-        output: output folder. experiment: of MLflow. name: of the run. folder, metrics: as in `log_report`.
+        output: output folder. experiment: of MLflow. name: of the run. folder, metrics, parameters: as in `log_report`.
 
     Returns:
         What became of it, in one line.
@@ -52,7 +59,7 @@ def log_folder(output: Path, experiment: str, name: str, folder: Path, metrics: 
     if problem := missing("mlflow"):
         return f"Not logged to MLflow: {problem}."
     try:
-        log_report(output, os.environ.get(VARIABLE), experiment, folder, metrics, name)
+        log_report(output, os.environ.get(VARIABLE), experiment, folder, metrics, name, parameters)
     except Exception as error:  # a store that is down must not cost the user what was found
         reason = (str(error).splitlines() or [""])[0]
         return f"Not logged to MLflow: {type(error).__name__}: {reason}"
@@ -60,7 +67,13 @@ def log_folder(output: Path, experiment: str, name: str, folder: Path, metrics: 
 
 
 def log_report(
-    output: Path, uri: str | None, experiment: str, folder: Path, metrics: Mapping[str, float], name: str = "compare"
+    output: Path,
+    uri: str | None,
+    experiment: str,
+    folder: Path,
+    metrics: Mapping[str, float],
+    name: str = "compare",
+    parameters: Mapping[str, str] | None = None,
 ) -> str:
     """Log a folder of tables and figures as one MLflow run.
 
@@ -70,7 +83,7 @@ def log_report(
         experiment: the experiment that the report is about.
         folder: the folder whose files become artifacts.
         metrics: the few numbers that matter, logged as `report/<name>`; what is not finite is left out.
-        name: of the run.
+        name: of the run. parameters: key → value, by which runs are told apart.
 
     Returns:
         The run's id.
@@ -79,7 +92,7 @@ def log_report(
         mlflow.exceptions.MlflowException: the store cannot be reached or written.
     """
     os.environ.update(quiet_environment())
-    from mlflow.entities import Metric
+    from mlflow.entities import Metric, Param
 
     command = f"credit compare experiment={experiment}" if name == "compare" else f"credit {experiment} {name}"
     client, identity = open_experiment(resolve_uri(uri, output), output, experiment)
@@ -95,6 +108,9 @@ def log_report(
     # One section of the UI holds them all, folded; each is a column of the table of runs, so there should be few.
     names = {name: metric_name(f"report/{name.replace('/', '_')}") for name in metrics}
     points = [Metric(names[name], x, now, 0) for name, x in metrics.items() if math.isfinite(x)]
+    params = [Param(metric_name(key), value[:MAX_PARAMETER]) for key, value in (parameters or {}).items()]
+    for start in range(0, len(params), MAX_PARAMETERS):
+        client.log_batch(run, params=params[start : start + MAX_PARAMETERS])
     for start in range(0, len(points), MAX_METRICS):
         client.log_batch(run, metrics=points[start : start + MAX_METRICS])
     client.log_artifacts(run, str(folder))
