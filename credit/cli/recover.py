@@ -51,7 +51,7 @@ how
   nonnegative=true       no balanced credit below 0                     (false)
   output=DIR             the result goes to DIR/recover/NAME            (outputs)
   name=NAME                                                             (the file's name)
-  format=parquet|csv     of steps                                       (csv for a CSV file)
+  format=parquet|csv     of steps                                       (csv where DATA is CSV)
   tracking=mlflow|none                                                  (mlflow)
   hydra/launcher=ray     passes over several Parquet files as jobs, one a file: ray, slurm, local   (this process)
   from=FILE.yaml         keys as above, under those on the command line

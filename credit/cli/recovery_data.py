@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from credit.logged.tables.sources import FrameSource
+from credit.core.errors import UserError
+from credit.logged.tables.sources import CSV, PARQUET, FrameSource, files
 
 CATEGORIES = 50  # states or actions at most that are categories, for linear models; more are one number
 ADAPTIVE = (
@@ -21,6 +23,24 @@ def is_run(data: Any) -> bool:
         return False
     folder = Path(data)
     return (folder / "config.yaml").exists() or any(folder.glob("seed-*/config.yaml"))
+
+
+def is_csv(data: str) -> bool:
+    """Whether the files that are meant are CSV."""
+    try:
+        return not is_run(data) and files(data)[0].suffix.lower() in CSV
+    except UserError:  # of no files: what it is, and whether it is wrong, is said where it is opened
+        return data.lower().endswith(".csv")
+
+
+def pattern_of(data: str) -> str:
+    """The name of a file, of a folder, or of a pattern: the last part that has letters beside its wildcards."""
+    for part in reversed(Path(data).parts):
+        name = re.sub(r"\[[^\]]*\]|[*?]", "", part)
+        stem = Path(name).stem.strip(" -_.") if name != part or part == Path(data).name else name
+        if stem and not (name != part and f".{stem}" in CSV + PARQUET):  # *.csv
+            return stem
+    return Path.cwd().name
 
 
 def resolved(data: Any, words: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from credit.cli.output import page
+from credit.logged.fits.folds import folds_of
 from credit.logged.registered import Registered
 
 if TYPE_CHECKING:
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
     from credit.cli.recovery_words import Request
     from credit.logged.panel import Panel
-    from credit.logged.recovered import AnyModel
+    from credit.logged.recovered import AnyModel, Options
     from credit.logged.result import LoggedCredit
 
 
@@ -35,15 +36,25 @@ def explained(panel: Panel, models: Sequence[AnyModel], asked: Request) -> None:
         console.print(shown if model.terms.choices else f"{model.name:<8} {formula}")
     for sentence in panel.said:
         console.print(f"  · {sentence}")
+    if asked.ask.mixer is not None and len(models) == 1:
+        console.print("  · mixer has no effect: there is one model, and nothing is mixed")
     for model in models:
         if isinstance(model, Registered) and model.unsaved:
             console.print(f"  · there will be no model/ for new rows: {model.name}: {model.unsaved}")
     if asked.explain:
         options = asked.ask.options
         console.print(
-            f"{options.draws} draws, intervals of {options.level:.0%}, {options.folds} contiguous folds, residual "
+            f"{options.draws} draws, intervals of {options.level:.0%}, {_folds(panel, options)}, residual "
             f"{options.residual}; the result goes to {asked.folder}; nothing was fitted"
         )
+
+
+def _folds(panel: Panel, options: Options) -> str:
+    """What labels will be held out in."""
+    count = len(folds_of(panel.windows, options.folds, options.gap or 0).of)
+    if options.gap is None:
+        return f"{count} contiguous folds with a gap as long as residuals hang together"
+    return f"{count} contiguous folds with a gap of {options.gap} windows"
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from credit.cli.recovery_data import is_run, name_of
+from credit.cli.recovery_data import is_csv, is_run, name_of, pattern_of
 from credit.cli.recovery_model import without_effect
 from credit.cli.recovery_parts import WORDS as MODELS
 from credit.cli.recovery_parts import models_of
@@ -178,7 +178,7 @@ def _request(data: str, words: Sequence[str], flags: Sequence[str], paths: Seque
         problems += str(error).splitlines()
     if problems:
         raise UserError("\n".join([*problems, "`credit recover --help` lists what can be set"]))
-    format_ = own.get("format", "csv" if data.lower().endswith(".csv") else "parquet")
+    format_ = own.get("format", "csv" if is_csv(data) else "parquet")
     output = Path(str(own.get("output", "outputs")))
     return Request(
         data, tuple(words), ask, "--explain" in flags, output, name, format_, own.get("tracking") != "none", model,
@@ -188,7 +188,7 @@ def _request(data: str, words: Sequence[str], flags: Sequence[str], paths: Seque
 
 def _stem(data: str) -> str:
     """A name for the folder of a table's recovery."""
-    stem = name_of(data) if is_run(data) else Path(data.rstrip("/*?")).stem or "data"
+    stem = name_of(data) if is_run(data) else pattern_of(data) or "data"
     stem = (
         "".join(letter if letter.isalnum() or letter in "_-." else "-" for letter in stem)
         .strip("-.")[-90:]

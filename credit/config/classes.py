@@ -78,6 +78,11 @@ def node_of_option(kind: str, name: str, config_dirs: Sequence[str] = ()) -> dic
     return {}
 
 
+def names(kind: str) -> list[str]:
+    """Of the options of a kind, of credit and of packages that announced themselves."""
+    return [*files.options(kind)]
+
+
 def registered(kinds: Sequence[str]) -> frozenset[str]:
     """The `_target_` of every option of some kinds, of credit and of packages that announced themselves."""
     nodes = [node_of_option(kind, name) for kind in kinds for name in files.options(kind)]

@@ -87,7 +87,10 @@ def _opened(source: str | Path) -> Any:
             return minari.MinariDataset(folder / "data" if (folder / "data").exists() else folder)
         return minari.load_dataset(str(source))
     except (FileNotFoundError, ValueError) as error:
-        raise UserError(f"{source}: {error}; give a dataset's folder, or `minari download {source}`") from None
+        what = str(error)
+        if "download=True" in what:  # which is a word of Minari's functions
+            what = "Minari has no dataset of this name on this machine"
+        raise UserError(f"{source}: {what}; run `minari download {source}`, or give a dataset's folder") from None
     except Exception as error:  # of its metadata
         raise _damaged(source, "the dataset", error) from None
 

@@ -171,12 +171,22 @@ def _model(path: str, given: Any, problems: list[str]) -> dict[str, Any]:
     return found
 
 
+def _no_model(formula: Any) -> str:
+    """What there is to say of one word, which may be meant as the name of a registered model."""
+    if not (isinstance(formula, str) and formula.strip().isidentifier()):
+        return ""
+    from credit.config.classes import names
+
+    near = nearest(formula.strip(), names("reward"))
+    return f"; nor is there a registered reward model of that name (`credit list reward`): {near}"
+
+
 def _made(path: str, name: str, given: Mapping[str, Any], panel: Panel, draws: int) -> AnyModel:
     if CHOSEN in given:
         return Registered.of(name, path, given[CHOSEN], panel, draws)
     try:
         terms = Terms.of(given.get("formula"), panel.columns, panel.roles)
     except UserError as error:
-        raise UserError(f"{path}: {error}") from None
+        raise UserError(f"{path}: {error}{_no_model(given.get('formula'))}") from None
     regularization = given.get("regularization")
     return Model(name, terms, None if regularization is None else float(regularization), dict(given.get("sign") or {}))

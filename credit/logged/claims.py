@@ -15,7 +15,7 @@ import numpy as np
 
 from credit.logged.fits.linear import Fitting
 from credit.logged.fits.ridge import solutions
-from credit.logged.models import windowed
+from credit.logged.models import Model, windowed
 from credit.logged.panel import INTERCEPT, Column, Floats, Ints, Panel, Windows
 from credit.logged.recovered import Recovered
 from credit.logged.residuals.whitening import Layout, whiten
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 BINS = 3  # of a number, in which the share of labels is told
 LARGE = 3.0  # standard errors from which on a share of labels differs
+HELD = "held at 0"  # a note beside a number, not in its place
 
 
 def durbin_watson(residuals: Floats, windows: Windows) -> float:
@@ -139,3 +140,21 @@ def bins(series: pd.Series, column: Column) -> list[tuple[str, np.ndarray]]:
     high = [*edges, column.most]
     names = [f"{a:.4g}" if a == b else f"{a:.4g} to {b:.4g}" for a, b in zip(low, high, strict=True)]
     return [(name, which == at) for at, name in enumerate(names)]
+
+
+def held(found: Recovered, name: str, action: str, value: float) -> str:
+    """That a sign holds what an action is worth at 0 in a model; "" where none does."""
+    sign = next((one.signs.get(action) for one in found.models if isinstance(one, Model) and one.name == name), None)
+    return f"{HELD} by its sign ({sign})" if sign and value == 0 else ""
+
+
+def note(found: Recovered, column: int, theta: Floats) -> str:
+    """What is to be known of a coefficient [1 + B] of the model by which windows are judged."""
+    fit, model = found.plain_fit, found.plain
+    sign = model.bound().get(column)
+    if sign and theta[0] == 0:
+        return f"{HELD} by its sign ({'positive' if sign > 0 else 'negative'})"
+    for at, free in enumerate(model.terms.choices):
+        if any(column in own for own in free.columns) and (fit.chosen[:, at] != fit.chosen[0, at]).any():
+            return f"{free.text} has other numbers in other draws: see effects.csv for what it was worth"
+    return ""

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from credit.logged.claims import held
 from credit.logged.fits.mixture import mixed, predicted, summed
 from credit.logged.models import Model, Pass, parts_of
 from credit.logged.panel import Column, Floats, Ints, Part
@@ -244,4 +245,4 @@ def _lines(found: Recovered, sums: Sums, level: Any, total: _Sum) -> Iterator[di
             by = scale or np.nan
             low, high = sorted(((value - half) / by, (value + half) / by))
             line |= {key: value / by, f"{key}_low": low, f"{key}_high": high}
-        yield line | {"told": told, "note": note}
+        yield line | {"told": told, "note": note or held(found, name, action, draws[0])}

@@ -120,7 +120,7 @@ class CreditRegressor(RegressorMixin, BaseEstimator):
                 "data": data | {"actions": actions, "states": states, "label_is": self.label_is},
                 "reference": {"formula": self.formula, "regularization": self.regularization, "sign": self.sign or {}},
                 "surrogates": self.surrogates or {},
-                "draws": self.draws if self.surrogates else 1,
+                "draws": self.draws if self.surrogates or self.draws < 1 else 1,  # refused as anywhere
                 "residual": self.residual or ("uniform" if self.time is None else "ar1"),
                 "folds": self.folds,
                 "gap": self.gap,

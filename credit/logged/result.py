@@ -91,8 +91,7 @@ class LoggedCredit:
     @cached_property
     def told(self) -> pd.DataFrame:
         """What the windows tell of the reference's columns (of all, where it is no formula): column,
-        coefficient, told (yes, badly, no), inflation,
-        partner, relation, remedy."""
+        coefficient, told (yes, badly, no), inflation, partner, relation, remedy, note."""
         import pandas as pd
 
         found, telling = self.found, self.found.telling
@@ -116,6 +115,7 @@ class LoggedCredit:
                     "partner": telling.names[partner] if weak and partner >= 0 else "",
                     "relation": one.text if one is not None else "",
                     "remedy": one.remedy if one is not None else "",
+                    "note": claims.note(found, int(found.told_columns[number]), own),
                 }
             )
         return pd.DataFrame(lines)

@@ -54,14 +54,37 @@ def test_parquet_gives_parquet_and_the_same(sales: Path) -> None:
 
 def test_explain_fits_and_writes_nothing(sales: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert recover("sales.csv", "--explain") == 0
-    assert "nothing was fitted" in capsys.readouterr().out
+    assert "nothing was fitted" in " ".join(capsys.readouterr().out.split())
     assert not Path("outputs").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ((), "5 contiguous folds with a gap as long as residuals hang together"),
+        (("gap=3", "folds=4"), "4 contiguous folds with a gap of 3 windows"),
+        (("mixer=best", "surrogates={}"), "mixer has no effect: there is one model"),
+    ],
+)
+def test_what_will_be_done_is_explained(
+    sales: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], said: str
+) -> None:
+    assert recover("sales.csv", *WORDS, *words, "--explain") == 0
+    assert said in " ".join(capsys.readouterr().out.split())
+
+
+def test_a_folder_and_a_pattern_of_csv_give_csv_under_their_own_name(sales: Path) -> None:
+    Path("shop/deep").mkdir(parents=True)
+    sales.rename("shop/deep/part-1.csv")
+    for data, name in (("shop", "shop"), ("shop/*/*.csv", "shop"), ("shop/**/part-*.csv", "part")):
+        assert recover(data, *WORDS, *QUICK, "surrogates={}") == 0
+        assert (Path("outputs/recover") / name / "steps.csv").exists()
 
 
 def test_several_values_are_several_recoveries(sales: Path) -> None:
     several = ("mixer=best,relative_mse", "reference.formula=1 + x,1 + x + z")
     assert recover("sales.csv", "-m", *WORDS, *QUICK, *several) == 0
-    folders = sorted(path.name for path in Path("outputs/recover/sales").iterdir())
+    folders = sorted(path.name for path in Path("outputs/recover/sales-sweep").iterdir())
     assert len(folders) == 4
     assert folders[0].startswith("00-mixer=best")
 
@@ -87,6 +110,10 @@ def test_keys_may_stand_in_a_file_and_the_command_line_counts_more(sales: Path) 
         (("sales.csv", "mixer=stacking"), "stacking"),
         (("sales.csv", "mixer=best,uniform"), "add -m"),
         (("sales.csv", "reference.formula=1 + (x"), "formula"),
+        (
+            ("sales.csv", "reference=dnnn"),
+            "a registered reward model of that name (`credit list reward`): did you mean 'dnn'",
+        ),
         (("sales.csv", "reference.formula=1 + open('x')"), "open"),
         (("sales.csv", "surrogates.a.formula=x.__class__"), "surrogates.a"),
         (("sales.csv", "format=xml"), "format=xml"),

@@ -97,8 +97,9 @@ def test_columns_are_as_long_as_the_episode(store: Path, part: str) -> None:
 
 
 def test_what_is_not_there_is_said(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(UserError, match="`minari download mine/none-v0`"):
+    with pytest.raises(UserError, match="`minari download mine/none-v0`") as error:
         list(episodes("mine/none-v0"))
+    assert "download=" not in str(error.value)
     monkeypatch.setitem(sys.modules, "minari", None)
     with pytest.raises(UserError, match=r"pip install 'minari\[hdf5\]'"):
         list(episodes("mine/some-v0"))

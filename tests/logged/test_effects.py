@@ -67,3 +67,25 @@ def test_an_action_that_never_moved_has_no_unit() -> None:
     line = one.effects.iloc[0]
     assert np.isnan(line["per_unit"])
     assert line["note"] == "x is 0.0 in every row"
+
+
+def test_a_sign_that_holds_a_number_at_0_is_said() -> None:
+    frame = table().assign(v=lambda rows: rows["x"] * 0.1 + np.random.default_rng(5).normal(size=len(rows)))
+    asked = {"formula": "1 + x + z + v", "sign": {"x": "negative", "v": "positive"}}
+    one = found(frame, actions=["x", "v"], reference=asked, surrogates={"x": "1 + x + z"})
+    notes = one.effects.set_index(["action", "model"])["note"]
+    assert notes["x", "reference"] == "held at 0 by its sign (negative)"
+    assert notes["x", "x"] == notes["v", "reference"] == ""
+    told = one.told.set_index("column")["note"]
+    assert told["x"] == notes["x", "reference"]
+    assert told["z"] == ""
+    assert "never moved" not in one.report()
+
+
+def test_a_coefficient_of_a_decay_that_draws_choose_has_a_note() -> None:
+    one = found(table(noise=3.0), reference="1 + adstock(x) + z", surrogates={}, draws=30)
+    notes = one.told.set_index("column")["note"]
+    assert [note for note in notes if note] == [
+        "adstock(x) has other numbers in other draws: see effects.csv for what it was worth"
+    ]
+    assert notes["z"] == ""

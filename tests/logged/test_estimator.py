@@ -109,6 +109,7 @@ def test_it_stands_in_pipelines_and_is_pickled_and_cloned() -> None:
         ({"formula": "1 + q"}, "q"),
         ({"regularization": -1}, "0 or more"),
         ({"folds": 0}, "folds=0"),
+        ({"draws": 0}, "draws=0"),
         ({"sign": {"x": "up"}}, "positive, negative"),
         ({"actions": ["q"]}, "'q'"),
         ({"surrogates": {"a/b": "1"}}, "no name"),

@@ -11,7 +11,7 @@ from credit.logged.panel import MIXTURE
 from credit.logged.report import look
 from credit.logged.report.gathered import Gathered
 from credit.logged.report.look import INK, OTHERS, QUIET, REFERENCE, UNSURE, WIDE, Picture
-from credit.logged.report.names import called, named
+from credit.logged.report.names import called, named, numberless
 from credit.logged.report.numbers import number, short
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def _dots(
     for line in lines:
         place = places.get((line["action"], line["level"]))
         value, low, high = (float(line[f"{key}{end}"]) for end in ("", "_low", "_high"))
-        if place is None or line["note"]:
+        if place is None or numberless(line):
             continue
         if hollow:
             panel.plot(value, place + 0.22, "o", ms=3.6, mfc="none", mec=colour, mew=1)
@@ -87,7 +87,7 @@ def _numberless(panel: Axes, lines: Sequence[dict[Any, Any]], places: dict[Any, 
     low, high = panel.get_xlim()
     side = 1 if high > -low else -1
     for line in lines:
-        if line["note"]:
+        if numberless(line):
             panel.annotate(
                 "never moved" if line["told"] or not line["rows"] else "not told apart",
                 (0, places[line["action"], line["level"]]),

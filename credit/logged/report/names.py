@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from credit.logged.claims import HELD
 from credit.logged.panel import MIXTURE
 from credit.logged.report.numbers import short
 
@@ -19,6 +20,11 @@ def called(model: str) -> str:
 def named(line: Mapping[Any, Any], most: int = 40) -> str:
     """An action, or one of its categories, in few words."""
     return short(line["action"] if line["level"] is None else f"{line['action']} = {line['level']}", most)
+
+
+def numberless(line: Mapping[Any, Any]) -> bool:
+    """Whether an effect has a note in the place of a number."""
+    return bool(line["note"]) and not str(line["note"]).startswith(HELD)
 
 
 def listed(words: Sequence[str], most: int = NAMED) -> str:

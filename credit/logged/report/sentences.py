@@ -10,7 +10,7 @@ import numpy as np
 
 from credit.logged.panel import INTERCEPT, MIXTURE
 from credit.logged.report.gathered import Gathered
-from credit.logged.report.names import NAMED, called, listed, named
+from credit.logged.report.names import NAMED, called, listed, named, numberless
 from credit.logged.report.numbers import interval, number, percent, short
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def worth(result: LoggedCredit) -> str:
     lines = main_effects(result)
     if not lines:
         return "No column was named as an action, so that nothing is said of what actions were worth."
-    told = [line for line in lines if not line["note"]]
+    told = [line for line in lines if not numberless(line)]
     sure = [line for line in told if _sure(line)]
     found = []
     judged = any(np.isfinite(line["total_low"]) for line in told)

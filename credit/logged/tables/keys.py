@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from credit.logged.tables.clock import Clock
 
 
+class Split(UserError):
+    """A window whose rows do not follow each other."""
+
+
 class Runs:
     """Stretches of rows that share group and window, as chunks of rows come by.
 
@@ -168,7 +172,7 @@ class Runs:
         named = " and its time" if self._clock else ""
         hints = [] if self.roles.group else ["name the column that tells series apart by data.group"]
         hints += ["leave data.time out"] if self._clock else ["name the column that orders rows by data.time"]
-        raise UserError(
+        raise Split(
             f"{self._source}: the rows of window {self._called(ids[at], groups[group[at]])} do not follow each other: "
             f"it begins in row {rows[first]}, and again in row {rows[at]}, with others in between (in the order of its "
             f"group{named}); give each window a name of its own, or {', or '.join(hints)}"

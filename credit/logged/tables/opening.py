@@ -15,11 +15,11 @@ from credit.logged.tables.clock import CALENDAR
 from credit.logged.tables.columns import numbers
 from credit.logged.tables.features import Features, Gaps, Survey
 from credit.logged.tables.guesses import Sample
-from credit.logged.tables.keys import Runs
+from credit.logged.tables.keys import Runs, Split
 from credit.logged.tables.known import Known
 from credit.logged.tables.roles import Settled, check_baseline, settled
 from credit.logged.tables.second import joined
-from credit.logged.tables.sorting import in_order, twins
+from credit.logged.tables.sorting import copies, in_order, twins
 from credit.logged.tables.sources import MEMORY, Source, located
 from credit.logged.tables.table import Table
 from credit.logged.tables.words import Words
@@ -51,7 +51,12 @@ def opened(data: Any, given: Mapping[str, Any] | None = None, *, memory: int = M
     roles, said = what.roles, [*source.said, *what.said]
     features = Features(what.kinds, what.dates, what.calendar, words.missing, source.name)
     extra = [*roles.cost.values(), *([roles.propensity] if roles.propensity else []), *roles.next_states]
-    source, windows, first, more = cut(source, what, [*features.needed], extra, second is None, memory)
+    try:
+        source, windows, first, more = cut(source, what, [*features.needed], extra, second is None, memory)
+    except Split as error:
+        if not (same := copies(source)):
+            raise
+        raise UserError(f"{source.name}: {same}. As they are, {str(error).removeprefix(f'{source.name}: ')}") from None
     said += more
     if second is not None:
         windows, more = labelled(windows, second, roles, words.labels)

@@ -259,6 +259,13 @@ def _clash(paths: Sequence[Path], schemas: Sequence[pa.Schema]) -> str:
     return ""
 
 
+FOOTER = ("magic", "footer", "metadata", "thrift", "base64", "schema", "file size")  # of Arrow's words on it
+
+
 def _damaged(name: str, error: Exception) -> UserError:
-    what = (str(error).strip().splitlines() or [type(error).__name__])[0]
-    return UserError(f"{name} is a damaged Parquet file ({what}); write it anew")
+    what = (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
+    if any(word in what.lower() for word in FOOTER):
+        what = "what a Parquet file says of itself at its end is missing or broken: was it copied to its end?"
+    elif len(what) > 60:
+        what = "a part of it cannot be read"
+    return UserError(f"{name} is a damaged Parquet file ({what}); write or copy it anew")

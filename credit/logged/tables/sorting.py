@@ -78,6 +78,24 @@ def _ranks(source: Source, roles: Roles) -> dict[Any, int]:
     return {name: i for i, name in enumerate(names_in_order)}
 
 
+def copies(source: Source) -> str:
+    """Rows that are there twice in all columns, in a sentence; "" for none, or where rows do not lie in memory."""
+    import pandas as pd
+
+    if not isinstance(source, FrameSource):
+        return ""
+    frame = source.frame
+    plain = frame.astype({name: "str" for name in frame if frame[name].dtype == object})
+    keys = pd.util.hash_pandas_object(plain, index=False).to_numpy()
+    again = np.flatnonzero(pd.Series(keys).duplicated().to_numpy())
+    if not len(again):
+        return ""
+    first = int(np.flatnonzero(keys == keys[again[0]])[0])
+    pair = f"{source.numbers[first]} and {source.numbers[again[0]]}"
+    count = f"; {len(again)} rows are copies of others" if len(again) > 1 else ""
+    return f"rows {pair} are the same in all columns{count}; keep one of each (in pandas: drop_duplicates)"
+
+
 def twins(source: Source, columns: Sequence[str], tied: Ints) -> NDArray[np.bool_]:
     """Which rows equal the one before in all columns, of those that share its group, window and time [k].
 

@@ -20,6 +20,7 @@ CHUNK = 1_000_000  # rows that are looked at together
 SAMPLE, PIECES = 200_000, 8  # rows from which roles are guessed, in so many pieces of neighbours
 MEMORY = 512 * 2**20  # bytes of a table that is held in memory whole; larger ones are read in chunks
 CSV, PARQUET = (".csv", ".tsv", ".txt"), (".parquet", ".pq")
+IN_FOLDERS = (".csv", ".tsv", ".parquet", ".pq")  # what lies in a folder beside tables is often text
 MAGIC = {b"PAR1": "Parquet", b"PK\x03\x04": "an Excel or ZIP file", b"\x1f\x8b": "packed by gzip", b"\x89HDF": "HDF5"}
 
 
@@ -120,6 +121,13 @@ def located(data: Any, memory: int = MEMORY) -> Source:
         unnamed = any(name is None or name in data.columns for name in data.index.names)
         return FrameSource(data if unnamed else data.reset_index(), "the frame")
     paths = files(data)
+    found = _read(paths, memory)
+    if skipped := _skipped(data):
+        found.said = (*found.said, skipped)
+    return found
+
+
+def _read(paths: Sequence[Path], memory: int) -> Source:
     name = str(paths[0]) if len(paths) == 1 else f"{paths[0].parent} ({len(paths)} files)"
     for path in paths:
         kind = "CSV" if _suffix(path) in CSV else "Parquet"
@@ -148,7 +156,11 @@ def files(data: Any) -> list[Path]:
         if not found:
             raise UserError("the list of files is empty; give at least one")
     elif not isinstance(data, str | Path):
-        raise UserError(f"{type(data).__name__} is no table; give a path, a list of paths, or a pandas DataFrame")
+        shown = repr(data) if len(repr(data)) <= 60 else f"{repr(data)[:57]}..."
+        raise UserError(
+            f"{shown} ({type(data).__name__}) is no table; give a path (a file, a folder, a pattern), a list of paths, "
+            "or a pandas DataFrame"
+        )
     else:
         found = _matching(str(data))
     kinds = {_suffix(path) in CSV for path in found}
@@ -161,9 +173,12 @@ def _matching(text: str) -> list[Path]:
     path = Path(text).expanduser()
     if path.is_dir():
         every = sorted(item for item in path.rglob("*") if item.is_file() and not _hidden(item, path))
-        found = [item for item in every if _suffix(item) in CSV + PARQUET]
+        found = [item for item in every if _suffix(item) in IN_FOLDERS]
         if not found:
-            raise UserError(f"{text}: no file in this folder ends in one of {', '.join(CSV + PARQUET)}")
+            raise UserError(
+                f"{text}: no file in this folder ends in one of {', '.join(IN_FOLDERS)}; text that is a table is given "
+                "by its name, or by a pattern (FOLDER/*.txt)"
+            )
         return found
     if path.is_file():
         if _suffix(path) not in CSV + PARQUET:
@@ -177,6 +192,18 @@ def _matching(text: str) -> list[Path]:
         if _suffix(item) not in CSV + PARQUET:
             raise UserError(f"{item}: tables end in one of {', '.join(CSV + PARQUET)}; narrow the pattern")
     return found
+
+
+def _skipped(data: Any) -> str:
+    """Which files of a folder are not read, in a sentence; "" where there are none."""
+    folder = Path(data).expanduser() if isinstance(data, str | Path) else None
+    if folder is None or not folder.is_dir():
+        return ""
+    every = [item for item in folder.rglob("*") if item.is_file() and not _hidden(item, folder)]
+    others = sorted(str(item.relative_to(folder)) for item in every if _suffix(item) not in IN_FOLDERS)
+    more = f", and {len(others) - 3} more" if len(others) > 3 else ""
+    ends = ", ".join(IN_FOLDERS)
+    return f"files that do not end in {ends} were skipped: {', '.join(others[:3])}{more}" if others else ""
 
 
 def _hidden(item: Path, folder: Path) -> bool:

@@ -273,6 +273,10 @@ BAD: dict[str, tuple[Any, dict[str, Any], str]] = {
     "label a feature": (marketing(), {"states": ["sales"]}, r"sales is the label, and among the features"),
     "window a feature": (marketing(), {"states": ["week"]}, r"week says the window, and is among the features"),
     "twice": (pd.concat([marketing(), marketing()]), {}, r"rows 0 and 84 are the same, and so are 84 pairs"),
+    "copies, guessed": (
+        pd.concat([marketing(1), marketing(1)]).assign(day=lambda f: f.day.dt.dayofyear), {"time": False},
+        r"rows 0 and 28 are the same in all columns; 28 rows are copies.*drop_duplicates\)\. As they are, the rows of",
+    ),
     "mixed": (_set("tv", 5, "1,5"), {}, r"tv of row 5 is '1,5', and most others are numbers"),
     "text label": (_set("sales", 5, "none"), {}, r"sales of row 5 is 'none', and it is the label"),
     "infinite": (_set("tv", 5, np.inf), {}, r"tv of row 5 is inf; it must be finite"),
@@ -288,7 +292,7 @@ BAD: dict[str, tuple[Any, dict[str, Any], str]] = {
     "no rows": (marketing().iloc[:0], {}, r"has no rows"),
     "names twice": (pd.concat([marketing(), marketing()[["tv"]]], axis=1), {}, r"two columns are called 'tv'"),
     "lists": (_but(week=lambda f: [[1]] * len(f)), {}, r"week holds neither numbers nor words"),
-    "no table": (3, {}, r"int is no table"),
+    "no table": ([1, 2], {}, r"1 \(int\) is no table; give a path"),
     "unknown word": (marketing(), {"windw": "week"}, r"data\.windw: .*did you mean 'window'"),
     "two roles": (marketing(), {"states": ["tv"], "actions": ["tv"]}, r"'tv' is in data\.states and in data\.actions"),
 }  # fmt: skip

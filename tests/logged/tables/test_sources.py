@@ -36,7 +36,10 @@ BAD = {
     "excel.csv": (lambda path: path.write_bytes(b"PK\x03\x04rest"), r"ends in \.csv, but it is an Excel or ZIP file"),
     "parquet.csv": (_parquet, r"ends in \.csv, but it is Parquet"),
     "text.parquet": (lambda path: path.write_text(TABLE), r"ends in \.parquet, but it is text"),
-    "broken.parquet": (_truncated, r"is a damaged Parquet file"),
+    "broken.parquet": (
+        _truncated,
+        r"is a damaged Parquet file \(what a Parquet file says of itself at its end is missing",
+    ),
     "ragged.csv": (lambda path: path.write_text(TABLE + "1,2,3\n"), r"cannot be read as a table"),
     "twice.csv": (lambda path: path.write_text("a,a\n1,2\n"), r"two columns are called 'a'"),
     "headless.csv": (lambda path: path.write_text("1,2\n3,4\n"), r"the first line holds numbers"),
@@ -60,6 +63,21 @@ def test_large_files_are_told_the_same(name: str, tmp_path: Path) -> None:
     make(tmp_path / name)
     with pytest.raises(UserError, match=message):
         located(tmp_path / name, memory=1)
+
+
+def test_of_a_folder_files_that_end_like_tables_are_read_and_others_are_named(tmp_path: Path) -> None:
+    (tmp_path / "deep" / "deeper").mkdir(parents=True)
+    (tmp_path / "deep" / "a.csv").write_text(TABLE)
+    for name in ("deep/deeper/notes.txt", "readme.md", "b.txt", "c.log"):
+        (tmp_path / name).write_text("some words\n")
+    source = located(tmp_path)
+    assert source.rows == 3
+    assert source.said[-1].endswith("were skipped: b.txt, c.log, deep/deeper/notes.txt, and 1 more")
+    (tmp_path / "deep" / "a.csv").unlink()
+    with pytest.raises(UserError, match=r"text that is a table is given by its name, or by a pattern"):
+        located(tmp_path)
+    (tmp_path / "b.txt").write_text(TABLE)
+    assert located(str(tmp_path / "b*.txt")).rows == 3
 
 
 def test_a_file_that_is_not_there_has_a_neighbour(tmp_path: Path) -> None:
