@@ -186,7 +186,8 @@ def test_rows_that_were_fitted_are_scored_as_they_were(
     )
     names = ["g", "w", "steps", "label", "predicted", "residual"]
     pd.testing.assert_frame_equal(pd.read_csv(one / "windows.csv")[names], pd.read_csv(other / "windows.csv")[names])
-    assert sorted(path.name for path in other.iterdir()) == ["DONE", "recover.yaml", "steps.csv", "summary.json", "windows.csv"]
+    held = ["DONE", "recover.yaml", "steps.csv", "summary.json", "windows.csv"]
+    assert sorted(path.name for path in other.iterdir()) == held
     assert json.loads((other / "summary.json").read_text())["metrics"]["labelled"] == 80
 
 

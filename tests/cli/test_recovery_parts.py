@@ -66,7 +66,7 @@ def test_a_uncertainty_brings_its_draws(log: Path) -> None:
 
 def test_several_models_are_several_recoveries(log: Path) -> None:
     assert recover("-m", "reference=ridge,1 + s", "surrogates={}") == 0
-    assert len(list(Path("outputs/recover/log").iterdir())) == 2
+    assert len(list(Path("outputs/recover/log-sweep").iterdir())) == 2
 
 
 def test_a_file_of_ones_own_is_an_option(log: Path) -> None:

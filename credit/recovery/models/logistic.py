@@ -33,6 +33,7 @@ from credit.core.windows import Windows
 
 WIDE = 100.0  # variance of the intercept's prior: a label that is always the same must not lead to infinity
 NEWTON = 100  # steps at most; five to ten are usual
+ROUNDING = 1e-12  # of a loss, relative: at its least no step is downhill by more
 HALVINGS = 40  # of a step at most
 CLOSE = 1e-20  # squared Newton decrement at which a fit is done
 
@@ -142,7 +143,7 @@ def newton(x: Tensor, y: Tensor, w: Tensor, prior: Tensor, start: Tensor) -> tup
             break
         before, length = loss(theta), going.to(x.dtype)
         for _ in range(HALVINGS):
-            uphill = loss(theta - length.unsqueeze(-1) * step) > before
+            uphill = loss(theta - length.unsqueeze(-1) * step) > before + ROUNDING * before.abs()
             if not uphill.any():
                 break
             length = torch.where(uphill, length / 2, length)
