@@ -1,7 +1,7 @@
 """The loop of `kernel`, compiled when it is first called, and kept for other processes beside this file.
 
-A function that is kept must stand in a module, with all that it calls: each process compiles anew what stands in another
-function.
+A function that is kept must stand in a module, with all that it calls: each process compiles what stands in another
+function anew.
 """
 
 from __future__ import annotations
