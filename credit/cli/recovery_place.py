@@ -15,8 +15,8 @@ from credit.core.errors import UserError
 
 if TYPE_CHECKING:
     from credit.cli.recovery_words import Request
-    from credit.logged.models import AnyModel
     from credit.logged.panel import Panel
+    from credit.logged.recovered import AnyModel
 
 CONFIG = "recover.yaml"  # in the folder of a recovery
 GUESSED = ("window", "label", "states", "actions", "stock", "label_is", "baseline", "cost", "randomised", "propensity")
