@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from credit.core.errors import UserError, nearest
 from credit.logged.panel import Ints, Roles
 from credit.logged.tables.clock import Clock
+from credit.logged.tables.cutting import restarts
 from credit.logged.tables.features import Features, Gaps, level_codes
 from credit.logged.tables.guesses import Sample
 from credit.logged.tables.known import Known
@@ -82,9 +83,14 @@ def _settled(words: Words, sample: Sample, labels: pd.DataFrame | None, known: K
             _alike(name, kind, sample)
     time, group = _named("time", words.time, roles.time, sample), _named("group", words.group, roles.group, sample)
     clock = _clock(time, known.clock, sample) if time else None
+    if time is None and words.time is None and known.clock and known.clock.column in sample.kinds:
+        clock = _clock(known.clock.column, known.clock, sample)  # it orders rows within windows
     calendar = _clock(known.calendar.column, known.calendar, sample) if known.calendar else None
 
     window = _window(words, roles, sample)
+    if clock and words.time and window and restarts(sample, clock, group, window):
+        time = None
+    clock = clock if time or window else None
     label = _label(words, roles, sample, labels, window)
     if not window:
         said.append(f"there is no column {roles.window!r} (data.window), and so rows alone are scored, no windows")

@@ -91,9 +91,10 @@ def cut(
     roles, said = what.roles, []
     runs = _walked(source, Runs(roles, what.clock, source.name, in_rows))
     own = [*dict.fromkeys([*runs.columns, *features])]
-    if not runs.ordered:
+    if not runs.ordered or runs.scattered():
         source = in_order(source, [*dict.fromkeys([*own, *extra])], roles, what.clock, memory)
-        order = ", ".join(name for name in (roles.group, roles.time) if name)
+        within = [roles.window, what.clock.column] if what.clock and not roles.time else [roles.time]
+        order = ", ".join(name for name in (roles.group, *within) if name)
         said.append(f"rows were sorted by {order}, equal ones as they lay")
         runs = _walked(source, Runs(roles, what.clock, source.name, in_rows))
     windows, first = runs.finished()
