@@ -13,6 +13,7 @@ from credit.logged.panel import Ints, Panel, Roles, Windows
 from credit.logged.tables import minari
 from credit.logged.tables.clock import CALENDAR
 from credit.logged.tables.columns import numbers
+from credit.logged.tables.exported import exported
 from credit.logged.tables.features import Features, Gaps, Survey
 from credit.logged.tables.guesses import Sample
 from credit.logged.tables.keys import Runs
@@ -47,8 +48,11 @@ def opened(data: Any, given: Mapping[str, Any] | None = None, *, memory: int = M
         raise UserError("data.steps has no effect: it is of a Minari dataset; a table says its windows in a column")
     source = located(data, memory)
     second = second_of(words.labels, memory)
-    what = settled(words, Sample(source.sample(), source.name), second)
-    roles, said = what.roles, [*source.said, *what.said]
+    sample = Sample(source.sample(), source.name)
+    own, more = exported(data, source, sample, given or {})
+    words = Words.of(own) if more else words
+    what = settled(words, sample, second)
+    roles, said = what.roles, [*source.said, *more, *what.said]
     features = Features(what.kinds, what.dates, what.calendar, words.missing, source.name)
     extra = [*roles.cost.values(), *([roles.propensity] if roles.propensity else []), *roles.next_states]
     source, windows, first, more = cut(source, what, [*features.needed], extra, second is None, memory)
