@@ -39,7 +39,7 @@ def _prepared(asked: Sequence[Request]) -> Iterator[tuple[Request, SavedModel, T
         assert one.model is not None
         model = SavedModel.read(one.model)
         Folder.require_free(one.folder, keep_models=True)
-        yield one, model, opened_again(one.data, one.ask.data, model.known)
+        yield one, model, opened_again(one.data, one.ask.data, model.known, models=model.fitted.names)
 
 
 def _explained(asked: Request, model: SavedModel, panel: Table) -> None:

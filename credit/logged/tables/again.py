@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from credit.core.errors import UserError, nearest
 from credit.logged.panel import Ints, Roles
+from credit.logged.tables.clashes import require_apart
 from credit.logged.tables.clock import Clock
 from credit.logged.tables.cutting import restarts
 from credit.logged.tables.features import Features, Gaps, level_codes
@@ -29,14 +30,16 @@ NEW = ("window", "label", "labels", "time", "group", "missing")  # words that ma
 SAID = {"window": "says which rows share a label", "time": "orders rows", "group": "tells series apart"}
 
 
-def opened_again(data: Any, given: Mapping[str, Any] | None, known: Known, *, memory: int = MEMORY) -> Table:
+def opened_again(
+    data: Any, given: Mapping[str, Any] | None, known: Known, *, models: Iterable[str] = (), memory: int = MEMORY
+) -> Table:
     """Open a table whose rows are to be scored.
 
     Without the column of windows every row is a window of its own, and without that of labels none has one.
 
     Args:
         data: as `opened` takes it. given: words `data.*`, of `NEW` alone. known: how the earlier one was read.
-        memory: bytes of a table that may be held whole.
+        models: names of what scores. memory: bytes of a table that may be held whole.
 
     Raises:
         UserError: a column that is missing or of another kind, a category's value that the earlier table had not, a
@@ -54,6 +57,7 @@ def opened_again(data: Any, given: Mapping[str, Any] | None, known: Known, *, me
     missing = words.missing if "missing" in (given or {}) else known.missing
     what = _settled(words, sample, second, known)
     roles, said = what.roles, [*source.said, *what.said]
+    require_apart(roles, models, source.name)
 
     features = Features(what.kinds, what.dates, what.calendar, missing, source.name)
     features.columns = known.columns

@@ -11,6 +11,7 @@ import numpy as np
 from credit.core.errors import UserError
 from credit.logged.panel import Ints, Panel, Roles, Windows
 from credit.logged.tables import minari
+from credit.logged.tables.clashes import require_apart
 from credit.logged.tables.clock import CALENDAR
 from credit.logged.tables.columns import numbers
 from credit.logged.tables.exported import exported
@@ -53,6 +54,7 @@ def opened(data: Any, given: Mapping[str, Any] | None = None, *, memory: int = M
     words = Words.of(own) if more else words
     what = settled(words, sample, second)
     roles, said = what.roles, [*source.said, *more, *what.said]
+    require_apart(roles, (), source.name)
     features = Features(what.kinds, what.dates, what.calendar, words.missing, source.name)
     extra = [*roles.cost.values(), *([roles.propensity] if roles.propensity else []), *roles.next_states]
     source, windows, first, more = cut(source, what, [*features.needed], extra, second is None, memory)

@@ -271,6 +271,15 @@ BAD: dict[str, tuple[Any, dict[str, Any], str]] = {
         marketing().rename(columns={"week": "window"}), {"group": False, "time": False, "window": "window"},
         r"the rows of window 0 do not follow",
     ),
+    "called row": (
+        marketing().rename(columns={"day": "row"}), {"time": "row"}, r"the column 'row' \(data\.time\) .*\(in steps\)",
+    ),
+    "called steps": (
+        marketing().rename(columns={"week": "steps"}), {"window": "steps"}, r"'steps' .*\(in windows\)",
+    ),
+    "called credit": (
+        marketing().rename(columns={"region": "credit"}), {"group": "credit"}, r"'credit' \(data\.group\)",
+    ),
     "one window": (_but(week=0, region="r0", day=lambda f: np.arange(len(f)), sales=1.0), {}, r"one window only"),
     "all equal": (_but(sales=2.5), {}, r"sales is 2\.5 in all windows"),
     "no labels": (_but(sales=np.nan), {}, r"sales is empty in all 12 windows"),
