@@ -13,6 +13,7 @@ from credit.core.errors import UserError, nearest
 from credit.logged.panel import Ints, Roles
 from credit.logged.tables.clashes import require_apart
 from credit.logged.tables.clock import Clock
+from credit.logged.tables.copies import said_copies
 from credit.logged.tables.cutting import restarts
 from credit.logged.tables.features import Features, Gaps, level_codes
 from credit.logged.tables.guesses import Sample
@@ -56,7 +57,7 @@ def opened_again(
     sample = Sample(source.sample(), source.name)
     missing = words.missing if "missing" in (given or {}) else known.missing
     what = _settled(words, sample, second, known)
-    roles, said = what.roles, [*source.said, *what.said]
+    roles, said = what.roles, [*source.said, *said_copies(sample, source), *what.said]
     require_apart(roles, models, source.name)
 
     features = Features(what.kinds, what.dates, what.calendar, missing, source.name)

@@ -14,6 +14,7 @@ from credit.logged.tables import minari
 from credit.logged.tables.clashes import require_apart
 from credit.logged.tables.clock import CALENDAR
 from credit.logged.tables.columns import numbers
+from credit.logged.tables.copies import require_single
 from credit.logged.tables.exported import exported
 from credit.logged.tables.features import Features, Gaps, Survey
 from credit.logged.tables.guesses import Sample
@@ -52,6 +53,7 @@ def opened(data: Any, given: Mapping[str, Any] | None = None, *, memory: int = M
     sample = Sample(source.sample(), source.name)
     own, more = exported(data, source, sample, given or {})
     words = Words.of(own) if more else words
+    more += require_single(words, sample, source, second)
     what = settled(words, sample, second)
     roles, said = what.roles, [*source.said, *more, *what.said]
     require_apart(roles, (), source.name)

@@ -369,3 +369,34 @@ def test_a_second_table_says_whether_series_are_told_apart() -> None:
     panel = opened(frame.drop(columns="label"), {"labels": labels})
     assert (panel.roles.group, len(panel.windows)) == (None, 120)
     np.testing.assert_array_equal(panel.windows.label, labels.label)
+
+
+def _twice(frame: pd.DataFrame, *rows: int) -> pd.DataFrame:
+    return pd.concat([frame, frame.iloc[[*rows]]]).sort_index(kind="stable").reset_index(drop=True)
+
+
+@pytest.mark.parametrize("how", ["numbered days", "dates", "episodes", "episodes, said"])
+def test_copies_of_rows_are_refused_where_a_time_tells_rows_apart(how: str, tmp_path: Path) -> None:
+    frame = marketing(1).drop(columns="region") if how != "episodes" else decisions()
+    given: dict[str, Any] = {}
+    if how == "numbered days":
+        frame["day"] = np.arange(len(frame))
+    elif how != "dates":
+        frame, given = decisions(), {"time": "t"} if "said" in how else {}
+    _twice(frame, 3, 9, 9).to_csv(tmp_path / "data.csv", index=False)
+    opened(frame, given)
+    for memory in (2**29, 100):
+        with pytest.raises(UserError, match=r"rows 3 and 4 are the same in all columns; 3 rows are copies of others"):
+            opened(tmp_path / "data.csv", given, memory=memory)
+    if not given:
+        panel = opened(_twice(frame, 3), {"time": False, "window": "week" if how[0] in "nd" else "window"})
+        assert any("rows 3 and 4 are the same in all columns; they are taken as" in one for one in panel.said)
+
+
+def test_equal_rows_of_logs_without_a_time_are_said_with_their_number() -> None:
+    frame = decisions().drop(columns="t")
+    panel = opened(frame)
+    equal = int(frame.duplicated().sum())
+    assert equal > 20
+    assert panel.rows == len(frame)
+    assert any(f"{equal} rows are copies of others; they are taken as rows that all happened" in s for s in panel.said)
