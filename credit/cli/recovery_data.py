@@ -8,13 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from credit.core.errors import UserError
+from credit.logged.tables.exported import ADAPTIVE, CATEGORIES, adopted
 from credit.logged.tables.sources import CSV, PARQUET, FrameSource, files
-
-CATEGORIES = 50  # states or actions at most that are categories, for linear models; more are one number
-ADAPTIVE = (
-    "an agent chose the actions by what it had seen before: intervals are not valid under adaptive collection, and "
-    "labels of later windows are no independent evidence"
-)
 
 
 def is_run(data: Any) -> bool:
@@ -58,15 +53,11 @@ def resolved(data: Any, words: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
     from credit.runs.steps import learned
 
     found = learned(data)
-    frame, own = found.frame, dict(found.words)
-    for name, size in own["sizes"].items():
+    frame = found.frame
+    for name, size in found.words["sizes"].items():
         if size <= CATEGORIES:
             frame[name] = frame[name].astype("category")
-    if "states" in words:  # columns of one's own
-        own["next_states"] = []
-    features = {*words.get("states", own["states"]), *words.get("actions", own["actions"])}
-    own["sizes"] = {name: size for name, size in own["sizes"].items() if name in features}
-    return FrameSource(frame, str(data), said=(ADAPTIVE,)), own | words
+    return FrameSource(frame, str(data), said=(ADAPTIVE,)), adopted(found.words, words)
 
 
 def name_of(data: str) -> str:

@@ -44,7 +44,7 @@ def _prepared(asked: Sequence[Request]) -> Iterator[tuple[Request, SavedModel, T
         Folder.require_free(one.folder, keep_models=True)
         place = placed(one, written(one, settled(one, None, ())), taken)
         taken.append(place.folder)
-        yield place, model, opened_again(one.data, one.ask.data, model.known)
+        yield place, model, opened_again(one.data, one.ask.data, model.known, models=model.fitted.names)
 
 
 def _explained(asked: Request, model: SavedModel, panel: Table) -> None:

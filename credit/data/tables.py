@@ -19,6 +19,7 @@ VECTORS = ("observation", "action", "next_observation")  # NAME, or NAME_0, NAME
 REQUIRED = VECTORS
 SINGLE = ("episode", "step", "terminated", "reward", "success", "window", "label")
 SUFFIXES = (".csv", ".parquet")
+MEANING = b"credit.recover"  # of a Parquet file's metadata: what its columns are, as `credit recover` has it, in JSON
 NAMES = ", ".join((*(f"{name} (or {name}_0, …)" for name in VECTORS), *SINGLE))
 Columns = dict[str, NDArray[Any]]
 

@@ -17,6 +17,7 @@ from credit.logged.models import Model
 from credit.logged.panel import MIXTURE, Panel
 from credit.logged.recovered import AnyModel, Options, Recovered
 from credit.logged.registered import Chosen, Registered
+from credit.logged.tables.clashes import require_apart
 
 if TYPE_CHECKING:
     from credit.core.seams import Mixer
@@ -94,6 +95,7 @@ class Ask:
             plain = " + ".join(["1", *(actions or map(quoted, roles.actions))])
             surrogates = {PLAIN: {"formula": plain}} if roles.actions and roles.states and _formulas() else {}
         found += [_made(f"surrogates.{name}", name, one, panel, draws) for name, one in surrogates.items()]
+        require_apart(roles, [model.name for model in found], panel.source)
         for model in found:
             if isinstance(model, Model):
                 model.bound()

@@ -7,6 +7,7 @@ from the file (`demonstrations_from`), too.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from credit.config import schema
 from credit.core.errors import UserError
+from credit.data.tables import MEANING
 from credit.envs.feedback import Mean
 from credit.envs.recorded import STEPS
 from credit.rounds import problem_of
@@ -74,16 +76,24 @@ def learned(run: str | Path) -> Learned:
 def write(run: str | Path, file: Path) -> Path:
     """Write the windows of a run as CSV or Parquet, as the file's ending says: whole, or not at all.
 
+    Parquet says itself what its columns are (`MEANING` of its metadata).
+
     Raises:
         UserError: as `learned`; nothing was written.
     """
-    frame = learned(run).frame
+    found = learned(run)
+    frame = found.frame
     partial = file.with_name(f".{file.name}.partial")
     try:
         if file.suffix == ".csv":
             frame.to_csv(partial, index=False)
         else:
-            frame.to_parquet(partial, index=False)
+            import pyarrow as pa
+            import pyarrow.parquet as pq
+
+            table = pa.Table.from_pandas(frame, preserve_index=False)
+            meaning = {**(table.schema.metadata or {}), MEANING: json.dumps(found.words)}
+            pq.write_table(table.replace_schema_metadata(meaning), partial)
         partial.replace(file)
     finally:
         partial.unlink(missing_ok=True)

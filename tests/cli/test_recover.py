@@ -252,3 +252,20 @@ def test_a_formula_that_fails_in_a_row_leaves_nothing(sales: Path, capsys: pytes
     assert recover("sales.csv", "tracking=none", "reference.formula=1 + log(x - 1000000)") == 2
     assert "a formula is to be a finite number in every row" in capsys.readouterr().err
     assert not Path("outputs").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "word"),
+    [("t", "row", "time"), ("w", "credit", "window"), ("w", "steps", "window"), ("g", "weight_actions", "group")],
+)
+def test_columns_called_as_results_are_refused_before_the_fit(
+    old: str, new: str, word: str, sales: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [one for one in WORDS if not one.startswith(f"data.{word}=")]
+    pd.read_csv(sales).rename(columns={old: new}).to_csv("other.csv", index=False)
+    for more in (["format=parquet", *QUICK], ["--explain"]):
+        assert recover("other.csv", *words, f"data.{word}={new}", *more) == 2
+        assert f"the column {new!r} (data.{word})" in capsys.readouterr().err
+    assert recover(str(sales), *WORDS, *QUICK) == 0
+    assert recover("other.csv", "--model", "outputs/recover/sales", f"data.{word}={new}", "name=new") == 2
+    assert new in capsys.readouterr().err

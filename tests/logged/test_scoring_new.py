@@ -224,3 +224,20 @@ def test_gaps_of_the_fit_are_filled_as_they_were(missing: str) -> None:
     frame.loc[[7, 90], "c"] = None
     one = fitted(frame, missing=missing)
     pd.testing.assert_frame_equal(one.predict(frame), one.steps, rtol=1e-12, atol=1e-12)
+
+
+def test_a_time_that_begins_anew_in_each_window_orders_new_rows_too(tmp_path: Path) -> None:
+    random = np.random.default_rng(0)
+    frame = pd.DataFrame({"window": np.repeat(np.arange(30), 3), "t": np.tile(np.arange(3), 30)})
+    frame = frame.assign(x=random.normal(size=90), y=np.repeat(random.normal(size=30), 3))
+    words: dict[str, Any] = {"reference": "1 + x", "surrogates": {}, "actions": ["x"], "states": []}
+    one = found(frame, window="window", label="y", group=None, time=None, **words)
+    order = random.permutation(90)
+    model = again(one, tmp_path)
+    for given in ({}, {"time": "t"}):
+        new = model.score(opened_again(frame.iloc[order].reset_index(drop=True), given, model.known))
+        pd.testing.assert_series_equal(
+            new.steps["credit"], one.steps["credit"].iloc[order].reset_index(drop=True), check_exact=False
+        )
+    alone = model.score(opened_again(frame.drop(columns=["window", "y"]), {}, model.known))
+    assert len(alone.steps) == 90

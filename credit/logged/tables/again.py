@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 
 from credit.core.errors import UserError, nearest
 from credit.logged.panel import Ints, Roles
+from credit.logged.tables.clashes import require_apart
 from credit.logged.tables.clock import Clock
+from credit.logged.tables.copies import said_copies
+from credit.logged.tables.cutting import restarts
 from credit.logged.tables.features import Features, Gaps, level_codes
 from credit.logged.tables.guesses import Sample
 from credit.logged.tables.known import Known
@@ -28,14 +31,16 @@ NEW = ("window", "label", "labels", "time", "group", "missing")  # words that ma
 SAID = {"window": "says which rows share a label", "time": "orders rows", "group": "tells series apart"}
 
 
-def opened_again(data: Any, given: Mapping[str, Any] | None, known: Known, *, memory: int = MEMORY) -> Table:
+def opened_again(
+    data: Any, given: Mapping[str, Any] | None, known: Known, *, models: Iterable[str] = (), memory: int = MEMORY
+) -> Table:
     """Open a table whose rows are to be scored.
 
     Without the column of windows every row is a window of its own, and without that of labels none has one.
 
     Args:
         data: as `opened` takes it. given: words `data.*`, of `NEW` alone. known: how the earlier one was read.
-        memory: bytes of a table that may be held whole.
+        models: names of what scores. memory: bytes of a table that may be held whole.
 
     Raises:
         UserError: a column that is missing or of another kind, a category's value that the earlier table had not, a
@@ -52,7 +57,8 @@ def opened_again(data: Any, given: Mapping[str, Any] | None, known: Known, *, me
     sample = Sample(source.sample(), source.name)
     missing = words.missing if "missing" in (given or {}) else known.missing
     what = _settled(words, sample, second, known)
-    roles, said = what.roles, [*source.said, *what.said]
+    roles, said = what.roles, [*source.said, *said_copies(sample, source), *what.said]
+    require_apart(roles, models, source.name)
 
     features = Features(what.kinds, what.dates, what.calendar, missing, source.name)
     features.columns = known.columns
@@ -82,9 +88,14 @@ def _settled(words: Words, sample: Sample, labels: pd.DataFrame | None, known: K
             _alike(name, kind, sample)
     time, group = _named("time", words.time, roles.time, sample), _named("group", words.group, roles.group, sample)
     clock = _clock(time, known.clock, sample) if time else None
+    if time is None and words.time is None and known.clock and known.clock.column in sample.kinds:
+        clock = _clock(known.clock.column, known.clock, sample)  # it orders rows within windows
     calendar = _clock(known.calendar.column, known.calendar, sample) if known.calendar else None
 
     window = _window(words, roles, sample)
+    if clock and words.time and window and restarts(sample, clock, group, window):
+        time = None
+    clock = clock if time or window else None
     label = _label(words, roles, sample, labels, window)
     if not window:
         said.append(f"there is no column {roles.window!r} (data.window), and so rows alone are scored, no windows")

@@ -21,6 +21,8 @@ STATE = ("state", "obs", "observation", "s", "temp", "temperature", "rain", "rai
          "competitor", *CALENDAR)  # fmt: skip
 LEAK = ("reward", "rewards", "r", "credit", "propensity", "pscore")
 COUNTER = ("unnamed", "index", "id", "row", "rownum", "uuid", "key")
+EPISODE = ("episode", "trajectory", "traj", "rollout")
+END = ("terminated", "truncated", "terminal", "terminals", "timeout", "timeouts", "done", "dones", "is_last")
 
 
 def features(sample: Sample, names: Sequence[str], label: str | None) -> tuple[list[str], list[str]]:
@@ -49,6 +51,10 @@ def _unfit(sample: Sample, name: str, label: str | None) -> str | None:
         return "by its name it came behind the step"
     if named(name, LEAK) is not None:
         return "by its name it tells what is looked for, or how it was drawn"
+    if name.lower() in END:
+        return "by its name it says where an episode ended"
+    if name.lower() in EPISODE:
+        return "by its name it numbers episodes"
     if sample.dated(name):
         return "it holds dates (data.calendar=[weekday, month] makes features of them)"
     levels = sample.levels(name)

@@ -20,11 +20,15 @@ WINDOW = ("window", "episode", "trajectory", "traj", "rollout", "order", "trip",
           "period", "week", "month", "quarter", "year", "shift", "day", "date")  # fmt: skip
 LABEL = ("label", "y", "target", "outcome", "sales", "revenue", "kpi", "conversions", "success", "total", "response",
          "demand", "result", "return")  # fmt: skip
+GRID = 0.9  # of all pairs of time and group that there could be
 TIME = ("time", "timestamp", "datetime", "date", "ds", "day", "hour", "minute", "second", "step", "t", "tick", "week",
         "month", "quarter", "year")  # fmt: skip
-GROUP = ("group", "region", "store", "shop", "market", "geo", "country", "state", "city", "site", "customer",
+GROUP = ("group", "seed", "region", "store", "shop", "market", "geo", "country", "state", "city", "site", "customer",
          "patient", "user", "subject", "unit", "series", "panel", "sku", "product", "brand", "origin",
          "machine", "device")  # fmt: skip
+
+
+SURE = ("window", "episode", "trajectory", "traj", "rollout")  # of a window's names those that mean nothing else
 
 
 def named(column: str, words: Sequence[str]) -> int | None:
@@ -87,11 +91,14 @@ class Sample:
         return found is not None and found.kind in ("iso", "text")
 
 
-def series(sample: Sample, names: Sequence[str], time: Any, group: Any) -> tuple[str | None, str | None]:
+def series(
+    sample: Sample, names: Sequence[str], time: Any, group: Any, features: Sequence[str] = ()
+) -> tuple[str | None, str | None]:
     """The columns of time and group: those by which no two rows are at the same time in the same group.
 
     Args:
-        names: columns to choose from. time, group: given ones; False for none, None to guess.
+        names: columns to choose from. time, group: given ones; False for none, None to guess. features: of names those
+            that a user said to be states, which tell series apart only where each has a row at (nearly) each time.
     """
     dated = [name for name in names if sample.dated(name)]
     numeric = [name for name in names if sample.kinds[name] == "number" and named(name, TIME) is not None]
@@ -101,11 +108,13 @@ def series(sample: Sample, names: Sequence[str], time: Any, group: Any) -> tuple
     for when in times:
         at = sample.codes(when)
         for who in groups:
-            if who != when and np.unique(sample.codes(who) * (int(at.max()) + 1) + at).size == len(sample):
+            if who == when or np.unique(sample.codes(who) * (int(at.max()) + 1) + at).size < len(sample):
+                continue
+            if who is None or who not in features or len(sample) >= GRID * sample.levels(who) * sample.levels(when):
                 return when, who
     who = group or None
     if group is None:
-        likely = [name for name in groups if name is not None and named(name, GROUP) is not None]
+        likely = [name for name in groups if name and name not in features and named(name, GROUP) is not None]
         who = likely[0] if likely else None
     if time:
         return time, who
@@ -143,10 +152,22 @@ def whole(values: pd.Series[Any]) -> bool:
 def windows(
     sample: Sample, names: Sequence[str], window: str | None, label: str | None, time: str | None, group: str | None
 ) -> tuple[str, str]:
-    """The columns of window and label: the longest windows in which some column has one value.
+    """The columns of window and label: the longest windows in which some column has one value, or what names tell.
 
     Raises:
         UserError: nothing fits, or several.
+    """
+    found = founded(sample, names, window, label, time, group)
+    return found or _unfounded(sample, names, window, label, group)
+
+
+def founded(
+    sample: Sample, names: Sequence[str], window: str | None, label: str | None, time: str | None, group: str | None
+) -> tuple[str, str] | None:
+    """The same by values alone; None: nothing fits.
+
+    Raises:
+        UserError: several fit.
     """
     numeric = [name for name in names if sample.kinds[name] == "number"]
     other = [name for name in numeric if name not in (time, group, window)]
@@ -157,16 +178,18 @@ def windows(
             continue
         at = sample.codes(group, name)
         count = int(at.max()) + 1
-        if not window and (count < 2 or count > len(sample) / 1.5):
-            continue
         word = named(name, WINDOW)
+        sure = word is not None and WINDOW[word] in SURE
+        if not window and (count < 2 or count > len(sample) / (1 if sure else 1.5)):
+            continue
         for what in labels:
             if what != name and sample.kinds[what] == "number" and sample.single(what, at):
                 known = named(what, LABEL)
-                rank = (known is None and not label, known or 0, word is None and not window, count, word or 0)
+                unnamed = 0 if window or name.lower() == SURE[0] else 1 if word is not None else 2
+                rank = (known is None and not label, known or 0, unnamed, count, word or 0)
                 found.append((rank, name, what))
     if not found:
-        return _unfounded(sample, names, window, label, group)
+        return None
     best = min(found)
     rivals = sorted({what for rank, name, what in found if name == best[1] and rank[0]})
     if best[0][0] and len(rivals) > 1:

@@ -30,11 +30,13 @@ class Runs:
             time of the row before, as places in the order.
 
     Args:
-        roles: columns that say it. clock: what makes numbers of times. source: for messages.
+        roles: columns that say it. clock: what makes numbers of times; without `roles.time` they begin anew in each
+            window, and order its rows alone. source: for messages.
     """
 
     def __init__(self, roles: Roles, clock: Clock | None, source: str, labelled: bool = True) -> None:
         self.roles, self._clock, self._source, self._labelled = roles, clock, source, labelled
+        self._within = clock is not None and roles.time is None
         self.ordered = True
         self.groups: dict[Any, int] = {}
         self._lists: dict[str, list[NDArray[Any]]] = {
@@ -48,7 +50,8 @@ class Runs:
     def columns(self) -> list[str]:
         """Columns that are needed."""
         roles = self.roles
-        named = [roles.window or None, roles.group, roles.time, roles.label if self._labelled else None]
+        time = self._clock.column if self._clock else roles.time
+        named = [roles.window or None, roles.group, time, roles.label if self._labelled else None]
         return [*dict.fromkeys(name for name in named if name is not None)]
 
     def add(self, frame: pd.DataFrame, rows: Ints) -> None:
@@ -75,7 +78,7 @@ class Runs:
         np.not_equal(group[1:], group[:-1], out=new_group[1:])
         new[1:] = new_group[1:] | (window[1:] != window[:-1])
         fallen = np.zeros(len(rows), dtype=bool)
-        fallen[1:] = ~new_group[1:] & (time[1:] < time[:-1])
+        fallen[1:] = ~(new if self._within else new_group)[1:] & (time[1:] < time[:-1])
         same = np.zeros(len(rows), dtype=bool)
         same[1:] = ~new[1:] & (time[1:] == time[:-1])
         new_group[0] = new[0] = True
@@ -84,7 +87,7 @@ class Runs:
             before, name, moment = self._last
             new_group[0] = group[0] != before
             joined = bool(not new_group[0] and ids[window[0]] == name)
-            fallen[0] = not new_group[0] and time[0] < moment
+            fallen[0] = (joined if self._within else not new_group[0]) and time[0] < moment
             same[0] = joined and time[0] == moment
         self._last = int(group[-1]), ids[window[-1]], time[-1]
         starts = np.flatnonzero(new)
@@ -130,6 +133,15 @@ class Runs:
         """Rows, in order, that have group, window and time of the one before."""
         return np.concatenate(self._tied) if self._tied else np.zeros(0, dtype=np.int64)
 
+    def scattered(self) -> bool:
+        """Whether a time that orders windows' own rows alone is of windows whose rows do not follow each other."""
+        if not self._within:
+            return False
+        lists = {key: np.concatenate(self._lists[key]) for key in ("id", "group", "joined")}
+        starts = np.flatnonzero(~lists["joined"])
+        key = hashed(lists["id"][starts], lists["group"][starts], tuple(self.groups) or ("all",))
+        return len(np.unique(key)) < len(key)
+
     def finished(self) -> tuple[Windows, Ints]:
         """All windows, with labels from the rows where there are some, and the first row of each.
 
@@ -153,7 +165,7 @@ class Runs:
         key = hashed(ids, group, groups) if self.roles.window else rows.astype(np.uint64)
         self._whole(key, ids, group, groups, rows)
         steps = np.add.reduceat(lists["steps"], starts)
-        if self._clock is None:  # its number in its group
+        if self._clock is None or self._within:  # its number in its group
             begins = np.flatnonzero(np.diff(group, prepend=-1))
             time = np.arange(len(group)) - np.repeat(begins, np.diff(begins, append=len(group)))
         else:
@@ -170,10 +182,11 @@ class Runs:
         at = int(order[twice + 1].min())  # the first that comes again
         first = int(np.flatnonzero(key == key[at])[0])
         named = " and its time" if self._clock else ""
+        word = "" if self.roles.window.lower() == "window" else "window "
         hints = [] if self.roles.group else ["name the column that tells series apart by data.group"]
         hints += ["leave data.time out"] if self._clock else ["name the column that orders rows by data.time"]
         raise Split(
-            f"{self._source}: the rows of window {self._called(ids[at], groups[group[at]])} do not follow each other: "
+            f"{self._source}: the rows of {word}{self._called(ids[at], groups[group[at]])} do not follow each other: "
             f"it begins in row {rows[first]}, and again in row {rows[at]}, with others in between (in the order of its "
             f"group{named}); give each window a name of its own, or {', or '.join(hints)}"
         )

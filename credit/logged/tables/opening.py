@@ -11,8 +11,11 @@ import numpy as np
 from credit.core.errors import UserError
 from credit.logged.panel import Ints, Panel, Roles, Windows
 from credit.logged.tables import minari
+from credit.logged.tables.clashes import require_apart
 from credit.logged.tables.clock import CALENDAR
 from credit.logged.tables.columns import numbers
+from credit.logged.tables.copies import require_single
+from credit.logged.tables.exported import exported
 from credit.logged.tables.features import Features, Gaps, Survey
 from credit.logged.tables.guesses import Sample
 from credit.logged.tables.keys import Runs, Split
@@ -47,8 +50,13 @@ def opened(data: Any, given: Mapping[str, Any] | None = None, *, memory: int = M
         raise UserError("data.steps has no effect: it is of a Minari dataset; a table says its windows in a column")
     source = located(data, memory)
     second = second_of(words.labels, memory)
-    what = settled(words, Sample(source.sample(), source.name), second)
-    roles, said = what.roles, [*source.said, *what.said]
+    sample = Sample(source.sample(), source.name)
+    own, more = exported(data, source, sample, given or {})
+    words = Words.of(own) if more else words
+    more += require_single(words, sample, source, second)
+    what = settled(words, sample, second)
+    roles, said = what.roles, [*source.said, *more, *what.said]
+    require_apart(roles, (), source.name)
     features = Features(what.kinds, what.dates, what.calendar, words.missing, source.name)
     extra = [*roles.cost.values(), *([roles.propensity] if roles.propensity else []), *roles.next_states]
     try:
@@ -96,9 +104,10 @@ def cut(
     roles, said = what.roles, []
     runs = _walked(source, Runs(roles, what.clock, source.name, in_rows))
     own = [*dict.fromkeys([*runs.columns, *features])]
-    if not runs.ordered:
+    if not runs.ordered or runs.scattered():
         source = in_order(source, [*dict.fromkeys([*own, *extra])], roles, what.clock, memory)
-        order = ", ".join(name for name in (roles.group, roles.time) if name)
+        within = [roles.window, what.clock.column] if what.clock and not roles.time else [roles.time]
+        order = ", ".join(name for name in (roles.group, *within) if name)
         said.append(f"rows were sorted by {order}, equal ones as they lay")
         runs = _walked(source, Runs(roles, what.clock, source.name, in_rows))
     windows, first = runs.finished()

@@ -13,8 +13,8 @@ from credit.logged.panel import LabelIs, Roles
 from credit.logged.tables import choosing, guesses
 from credit.logged.tables.clock import CALENDAR, Clock
 from credit.logged.tables.columns import Kind
+from credit.logged.tables.cutting import cut
 from credit.logged.tables.guesses import Sample
-from credit.logged.tables.second import in_second
 from credit.logged.tables.words import BEHIND, Words
 
 if TYPE_CHECKING:
@@ -29,7 +29,8 @@ class Settled:
     """What columns are.
 
     Attributes:
-        roles: of each. clock: how the column of time says it, None where rows lie in order. kinds: of each feature.
+        roles: of each. clock: how the column of time says it, None where rows lie in order; where `roles.time` is none,
+            it orders rows within their window alone. kinds: of each feature.
         dates: feature → what of a date it is. calendar: how their column says them. said: what was guessed.
     """
 
@@ -55,25 +56,13 @@ def settled(words: Words, sample: Sample, labels: pd.DataFrame | None) -> Settle
     taken = {words.window, words.label, words.propensity, *words.cost.values(), *(words.actions or ())}
     free = [name for name in columns if name not in taken]
 
-    time, group = guesses.series(sample, free, words.time, words.group)
-    if labels is not None:
-        window, label, group = in_second(words, sample, labels, group)
-    else:
-        choice = [name for name in columns if name not in {words.propensity, *words.cost.values(), *words.features}]
-        window, label = guesses.windows(sample, choice, words.window, words.label, time, group)
-    if group == window and words.group is None:  # a window that is its own series has nothing to carry on
-        group = None
-        if time and not words.time and not guesses.rises(sample, time, None):
-            time = None
-    if time == window and not words.time:
-        time = None
-    clock = sample.clock(time) if time else None
-    if time and clock is None:
-        raise UserError(f"{source}: data.time={time} holds neither numbers nor dates; name another column")
-    said += _guessed(words, window, label, time, group)
+    how = cut(words, sample, free, labels)
+    window, label, time, group, clock = how.window, how.label, how.time, how.group, how.clock
+    said += _guessed(words, window, label, time, group, clock)
 
     made, calendar = _calendar(words, sample, clock, columns)
-    used = {window, label, time, group, words.propensity, *words.cost.values(), *(words.next_states or ())}
+    when = clock.column if clock else None
+    used = {window, label, when, group, words.propensity, *words.cost.values(), *(words.next_states or ())}
     states, actions, more = _features(
         words, sample, [name for name in columns if name not in used], label, group, window
     )
@@ -138,13 +127,17 @@ def _there(words: Words, columns: Sequence[str], source: str, labels: pd.DataFra
         raise UserError(f"{source}: data.window and data.label are both {words.window!r}; name another column")
 
 
-def _guessed(words: Words, window: str, label: str, time: str | None, group: str | None) -> list[str]:
+def _guessed(
+    words: Words, window: str, label: str, time: str | None, group: str | None, clock: Clock | None
+) -> list[str]:
     said = []
     if not words.window:
         said.append(f"data.window={window}: its rows share one value of the label")
     if not words.label:
         said.append(f"data.label={label}: it has one value in each window")
-    if words.time is None:
+    if clock and not time:
+        said.append(f"data.time={clock.column}: it begins anew in each {window}, and orders rows within it alone")
+    elif words.time is None:
         what = (
             f"data.time={time}: it orders rows" if time else "rows are taken in the order in which they lie (data.time)"
         )

@@ -28,13 +28,17 @@ def in_order(source: Source, columns: Sequence[str], roles: Roles, clock: Clock 
     Raises:
         UserError: there are too many rows to be sorted in memory, and there is no DuckDB.
     """
-    rank = _ranks(source, roles)
+    rank = _ranks(source, roles.group, "group")
+    windows = _ranks(source, roles.window, "window") if clock and not roles.time else {}
 
     def keys(frame: pd.DataFrame, rows: Ints) -> tuple[Ints, Floats]:
         group = np.zeros(len(rows), dtype=np.int64)
         if roles.group is not None:
             found, names = codes(frame[roles.group])
             group = np.array([rank[name] for name in names.tolist()])[found]
+        if windows:  # the time is one within each of them
+            found, names = codes(frame[roles.window])
+            group = group * len(windows) + np.array([windows[name] for name in names.tolist()])[found]
         time = clock(frame[clock.column], rows, source.name) if clock else np.zeros(len(rows))
         return group, time.astype(np.float64)
 
@@ -47,7 +51,8 @@ def in_order(source: Source, columns: Sequence[str], roles: Roles, clock: Clock 
             return by_duckdb(source, columns, keys, memory)
         except ImportError:
             if size > 4 * memory:
-                named = " and ".join(name for name in (roles.group, roles.time) if name)
+                own = [roles.window, clock.column] if clock and windows else [roles.time]
+                named = " and ".join(name for name in (roles.group, *own) if name)
                 raise UserError(
                     f"{source.name}: {source.rows} rows are not in the order of {named}, and too many to be sorted in "
                     "memory; pip install 'credit-rl[duckdb]', or sort the files"
@@ -58,17 +63,17 @@ def in_order(source: Source, columns: Sequence[str], roles: Roles, clock: Clock 
     return FrameSource(frame.iloc[order].reset_index(drop=True), source.name, rows[order])
 
 
-def _ranks(source: Source, roles: Roles) -> dict[Any, int]:
-    """Groups' places in the order of their names."""
-    if roles.group is None:
+def _ranks(source: Source, column: str | None, what: str) -> dict[Any, int]:
+    """Places of groups, or of windows, in the order of their names."""
+    if column is None:
         return {}
     seen: dict[Any, None] = {}
-    for frame, rows in source.chunks([roles.group]):
-        found, names = codes(frame[roles.group])
+    for frame, rows in source.chunks([column]):
+        found, names = codes(frame[column])
         if (found < 0).any():
             row = rows[int((found < 0).argmax())]
             raise UserError(
-                f"{source.name}: {roles.group} of row {row} is missing, and it says the row's group; fill it in"
+                f"{source.name}: {column} of row {row} is missing, and it says the row's {what}; fill it in"
             )
         seen |= dict.fromkeys(names.tolist())
     try:

@@ -12,7 +12,7 @@ from credit.logged.tables.guesses import Sample, named
 from credit.logged.tables.roles import settled
 from credit.logged.tables.words import Words
 
-from .tables import marketing
+from .tables import decisions, marketing
 
 
 def guessed(frame: pd.DataFrame, **given: Any) -> tuple[Roles, str]:
@@ -47,7 +47,8 @@ def test_episodes_of_an_agent() -> None:
     frame["success"] = np.repeat(rng.integers(0, 2, 30), 5)
     roles, said = guessed(frame)
     assert (roles.window, roles.label, roles.time, roles.group) == ("episode", "success", None, None)
-    assert (roles.actions, roles.states) == (("a",), ("step", "s"))
+    assert (roles.actions, roles.states) == (("a",), ("s",))
+    assert "data.time=step: it begins anew in each episode" in said
     assert roles.label_is == "binary"
     assert "reward is left out" in said
     assert "data.label_is=binary" in said
@@ -100,3 +101,66 @@ def test_words_are_found_in_names() -> None:
     assert named("tv_spend", ("tv",)) == 0
     assert named("spendTv", ("tv",)) == 0
     assert named("latvia", ("tv",)) is None
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {},
+        {"window": "window"},
+        {"window": "window", "states": ["state"], "actions": ["action"]},
+        {"window": "window", "states": ["state"], "actions": ["action"], "time": "t"},
+        {"states": ["action"], "actions": ["state"]},
+    ],
+)
+@pytest.mark.parametrize("labels", ["last", "all"])
+def test_a_column_that_cuts_windows_apart_tells_no_series_apart(given: dict[str, Any], labels: str) -> None:
+    frame = decisions()
+    if labels == "all":
+        frame["label"] = frame.groupby("window").label.transform("max")
+    roles, said = guessed(frame, **given)
+    assert (roles.window, roles.label, roles.time, roles.group) == ("window", "label", None, None)
+    assert {*roles.states, *roles.actions} == {"state", "action"}
+    assert "t: it begins anew in each window" in said
+
+
+def test_what_is_said_to_be_something_else_tells_no_series_apart() -> None:
+    frame = decisions().assign(label=lambda f: f.groupby("window").label.transform("max"))
+    frame = frame.rename(columns={"window": "week", "state": "region", "action": "store"})
+    for given in ({"states": ["region"], "actions": ["store"]}, {"actions": ["region"]}, {"states": ["region"]}):
+        assert guessed(frame, window="week", **given)[0].group is None
+    assert guessed(frame.assign(region=np.arange(len(frame)) // 180), window="week", cost={"store": "region"},
+                   actions=["store"])[0].group is None  # fmt: skip
+
+
+def test_what_was_printed_can_be_said() -> None:
+    frame = marketing(days=140)
+    free, _ = guessed(frame)
+    again, _ = guessed(frame, actions=[*free.actions], states=[*free.states])  # region among them
+    assert again == free
+
+
+def test_words_for_windows_come_first() -> None:
+    rng = np.random.default_rng(0)
+    frame = pd.DataFrame({"day": np.repeat(np.arange(20), 6), "window": np.repeat(np.arange(40), 3)})
+    frame["a"], frame["label"] = rng.normal(size=120), np.repeat(rng.normal(size=20), 6)
+    assert guessed(frame)[0].window == "window"
+    assert guessed(frame.rename(columns={"window": "n"}))[0].window == "day"
+
+
+def test_a_label_of_all_series_is_that_of_windows_across_them() -> None:
+    frame = marketing(days=140)
+    frame["sales"] = frame.groupby("week").sales.transform("sum")
+    roles, _ = guessed(frame)
+    assert (roles.window, roles.group, roles.time) == ("week", None, "day")
+
+
+def test_seeds_are_series_and_marks_of_ends_are_no_features() -> None:
+    frame = pd.concat([decisions(seed=seed).assign(seed=seed) for seed in (3, 4)])
+    frame["episode"], frame["step"] = frame.pop("window") // 2, frame.pop("t")
+    frame["window"] = np.tile(np.repeat(np.arange(120), 3), 2)
+    frame["terminated"] = frame["truncated"] = frame["done"] = (frame.step == 2) & (frame.window % 5 == 0)
+    roles, said = guessed(frame)
+    assert (roles.window, roles.group, roles.time) == ("window", "seed", None)
+    assert (roles.states, roles.actions) == (("state",), ("action",))
+    assert "terminated is left out: by its name it says where an episode ended" in said

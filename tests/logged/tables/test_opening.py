@@ -14,7 +14,7 @@ from credit.logged.panel import Panel
 from credit.logged.tables import sources
 from credit.logged.tables.opening import opened
 
-from .tables import marketing
+from .tables import decisions, marketing
 
 ROLES = {"window": "week", "label": "sales", "time": "day", "group": "region", "actions": ["tv", "radio"],
          "states": ["temperature", "sky"]}  # fmt: skip
@@ -267,6 +267,19 @@ BAD: dict[str, tuple[Any, dict[str, Any], str]] = {
     "labels differ": (_set("sales", 3, 5.0), {}, r"sales is .* in rows of one window, week 0 of region r0, .*row 0"),
     "split": (_but(week=lambda f: f.week.replace({3: 1})), {}, r"week 1 of region r0 do not follow .*row 7, .*row 21"),
     "split, no group": (marketing(), {"group": False, "time": False}, r"week 0 do not follow .*data\.group"),
+    "split, called window": (
+        marketing().rename(columns={"week": "window"}), {"group": False, "time": False, "window": "window"},
+        r"the rows of window 0 do not follow",
+    ),
+    "called row": (
+        marketing().rename(columns={"day": "row"}), {"time": "row"}, r"the column 'row' \(data\.time\) .*\(in steps\)",
+    ),
+    "called steps": (
+        marketing().rename(columns={"week": "steps"}), {"window": "steps"}, r"'steps' .*\(in windows\)",
+    ),
+    "called credit": (
+        marketing().rename(columns={"region": "credit"}), {"group": "credit"}, r"'credit' \(data\.group\)",
+    ),
     "one window": (_but(week=0, region="r0", day=lambda f: np.arange(len(f)), sales=1.0), {}, r"one window only"),
     "all equal": (_but(sales=2.5), {}, r"sales is 2\.5 in all windows"),
     "no labels": (_but(sales=np.nan), {}, r"sales is empty in all 12 windows"),
@@ -330,3 +343,64 @@ def test_labels_of_a_second_table_must_fit() -> None:
     panel = opened(frame, {**given, "labels": more})
     assert int(panel.windows.labelled.sum()) == 2
     assert any("1 of the 3 windows" in sentence for sentence in panel.said)
+
+
+@pytest.mark.parametrize("how", ["as they lie", "within windows", "all"])
+@pytest.mark.parametrize("memory", [2**29, 100])
+def test_a_time_that_begins_anew_orders_rows_within_their_windows(how: str, memory: int, tmp_path: Path) -> None:
+    frame = decisions()
+    expected = opened(frame, {"states": ["state"], "actions": ["action"]})
+    assert expected.windows.id.tolist() == [*range(120)]
+    rng = np.random.default_rng(0)
+    order = {
+        "as they lie": np.arange(len(frame)),
+        "within windows": np.concatenate([3 * w + rng.permutation(3) for w in range(120)]),
+        "all": rng.permutation(len(frame)),
+    }[how]
+    frame.iloc[order].to_parquet(tmp_path / "data.parquet", index=False)
+    for given in ({}, {"time": "t"}):
+        panel = opened(tmp_path / "data.parquet", {"states": ["state"], "actions": ["action"], **given}, memory=memory)
+        np.testing.assert_array_equal(panel.windows.label, expected.windows.label)
+        ours, theirs = whole(panel), whole(expected)
+        assert ours.state.tolist() == theirs.state.tolist()
+        assert order[ours.index].tolist() == [*range(len(frame))]
+        assert any("sorted by window, t" in one for one in panel.said) == (how != "as they lie")
+
+
+def test_a_second_table_says_whether_series_are_told_apart() -> None:
+    frame = decisions()
+    labels = frame[frame.t == 2][["window", "label"]]
+    panel = opened(frame.drop(columns="label"), {"labels": labels})
+    assert (panel.roles.group, len(panel.windows)) == (None, 120)
+    np.testing.assert_array_equal(panel.windows.label, labels.label)
+
+
+def _twice(frame: pd.DataFrame, *rows: int) -> pd.DataFrame:
+    return pd.concat([frame, frame.iloc[[*rows]]]).sort_index(kind="stable").reset_index(drop=True)
+
+
+@pytest.mark.parametrize("how", ["numbered days", "dates", "episodes", "episodes, said"])
+def test_copies_of_rows_are_refused_where_a_time_tells_rows_apart(how: str, tmp_path: Path) -> None:
+    frame = marketing(1).drop(columns="region") if how != "episodes" else decisions()
+    given: dict[str, Any] = {}
+    if how == "numbered days":
+        frame["day"] = np.arange(len(frame))
+    elif how != "dates":
+        frame, given = decisions(), {"time": "t"} if "said" in how else {}
+    _twice(frame, 3, 9, 9).to_csv(tmp_path / "data.csv", index=False)
+    opened(frame, given)
+    for memory in (2**29, 100):
+        with pytest.raises(UserError, match=r"rows 3 and 4 are the same in all columns; 3 rows are copies of others"):
+            opened(tmp_path / "data.csv", given, memory=memory)
+    if not given:
+        panel = opened(_twice(frame, 3), {"time": False, "window": "week" if how[0] in "nd" else "window"})
+        assert any("rows 3 and 4 are the same in all columns; they are taken as" in one for one in panel.said)
+
+
+def test_equal_rows_of_logs_without_a_time_are_said_with_their_number() -> None:
+    frame = decisions().drop(columns="t")
+    panel = opened(frame)
+    equal = int(frame.duplicated().sum())
+    assert equal > 20
+    assert panel.rows == len(frame)
+    assert any(f"{equal} rows are copies of others; they are taken as rows that all happened" in s for s in panel.said)
