@@ -101,7 +101,7 @@ class LoggedCredit:
         for number, name in enumerate(telling.names):
             one = relation.get(number)
             weak = telling.inflation[number] > WEAK
-            own = found.plain_fit.theta[:, found.told_columns[number]]
+            own = found.plain_fit.coefficient(found.plain.terms, int(found.told_columns[number]))
             half = found.factor * own[1:].std() if len(own) > 1 else np.nan
             value = np.nan if one is not None else own[0]
             partner = telling.partner[number]

@@ -229,3 +229,13 @@ def test_steps_have_the_index_of_the_frame() -> None:
 def test_a_label_of_words_is_refused() -> None:
     with pytest.raises(UserError, match="y of row 0 is 'a lot', and it is"):
         credit.recover(table().assign(y="a lot"), window="w", label="y")
+
+
+def test_the_interval_of_a_coefficient_is_of_its_term_in_every_draw_whatever_decay_it_chose() -> None:
+    one = found(table(noise=3.0), reference="1 + adstock(x) + z", surrogates={}, draws=30)
+    fit, terms = one.found.plain_fit, one.found.plain.terms
+    assert len(np.unique(fit.chosen[:, 0])) > 1
+    line = one.told[one.told["column"].str.startswith("adstock")].iloc[0]
+    own = fit.theta[:, terms.choices[0].columns].sum((1, 2))  # 0 for all but the candidate that was chosen
+    assert line["high"] - line["coefficient"] == pytest.approx(one.found.factor * own[1:].std())
+    assert 0 < line["low"]

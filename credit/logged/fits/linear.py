@@ -72,6 +72,16 @@ class LinearFit:
         every = [choices.chosen(choice) for choice in np.unique(self.chosen, axis=0)]
         return np.unique(np.concatenate(every)).astype(np.int64)
 
+    def coefficient(self, choices: Choices, column: int) -> Floats:
+        """What the term of a column is multiplied by in every fit [1 + B], whichever candidate it chose there."""
+        found = self.theta[:, column].copy()
+        for at, free in enumerate(choices.choices):
+            places = np.flatnonzero(free.columns[self.chosen[0, at]] == column)
+            if len(places):
+                own = np.array([one[places[0]] if places[0] < len(one) else column for one in free.columns])
+                found = self.theta[np.arange(len(found)), own[self.chosen[:, at]]]
+        return found
+
 
 def intercept_of(choices: Choices) -> int | None:
     """The column that is 1 in every row, where there is one."""
