@@ -76,6 +76,8 @@ def shown(found: LoggedCredit, folder: Path) -> None:
     _untold(console, found)
     _effects(console, found)
     for name, (alike, last) in found.r_squared.items():
+        if alike != alike:  # nothing was held out, or nothing is left to explain
+            continue
         console.print(f"held-out R² of {name}: {alike:.3f} against all steps alike, {last:.3f} against the last window")
     console.print(f"\nresult   {folder}", soft_wrap=True)
     console.print("  " + "  ".join(sorted(path.name for path in folder.iterdir())))

@@ -12,6 +12,7 @@ from credit.core.errors import UserError
 from credit.logged import claims
 from credit.logged.effects import Sums, added_up, effects, over_time
 from credit.logged.fits.linear import LinearFit
+from credit.logged.fits.ridge import left
 from credit.logged.fits.telling import WEAK
 from credit.logged.policies import Logged, policies
 from credit.logged.recovered import Recovered
@@ -21,6 +22,8 @@ from credit.logged.scoring import Judged, Scored, frames, in_order, scored, wind
 
 if TYPE_CHECKING:
     import pandas as pd
+
+PROPORTIONAL = "labels are proportional to windows' lengths"
 
 
 class LoggedCredit:
@@ -151,9 +154,14 @@ class LoggedCredit:
         return policies(self.found)
 
     @property
+    def rate(self) -> float | None:
+        """What each row brought, where labels are sums that are proportional to windows' lengths; else None."""
+        return self.found.panel.windows.rate if self.found.panel.roles.label_is == "sum" else None
+
+    @property
     def durbin_watson(self) -> float:
         """Of what is left of labels, 2 for no correlation."""
-        residuals = self.found.panel.windows.label - self.judged.fitted
+        residuals = left(self.found.panel.windows.label, self.judged.fitted)
         return claims.durbin_watson(residuals, self.found.panel.windows)
 
     @property
@@ -191,6 +199,8 @@ class LoggedCredit:
         found = self.found
         folds = f"labels are held out in {len(found.folds.of)} contiguous folds with a gap of {found.folds.gap} windows"
         sentences = [*found.panel.said, found.units.said, folds]
+        if self.rate is not None:
+            sentences.append(f"{PROPORTIONAL} ({self.rate:.6g} a row): nothing is left for columns to explain")
         registered = [model for model in found.models if isinstance(model, Registered)]
         if own := [model.name for model in registered if model.chosen.own]:
             others = len(own) < len(found.models)

@@ -239,3 +239,29 @@ def test_the_interval_of_a_coefficient_is_of_its_term_in_every_draw_whatever_dec
     own = fit.theta[:, terms.choices[0].columns].sum((1, 2))  # 0 for all but the candidate that was chosen
     assert line["high"] - line["coefficient"] == pytest.approx(one.found.factor * own[1:].std())
     assert 0 < line["low"]
+
+
+def test_labels_that_are_proportional_to_the_lengths_of_windows_leave_nothing_to_explain() -> None:
+    random = np.random.default_rng(3)
+    lengths = random.integers(3, 8, 40)
+    frame = pd.DataFrame({"w": np.repeat(np.arange(40), lengths), "x": random.choice(["a", "b"], lengths.sum())})
+    frame["z"] = random.normal(size=len(frame))
+    frame["y"] = 0.1 * lengths.repeat(lengths)
+    one = found(frame, time=None, group=None, surrogates=None, reference=None)
+    assert one.rate == pytest.approx(0.1)
+    assert "labels are proportional to windows' lengths (0.1 a row): nothing is left for columns to explain" in one.said
+    assert np.isnan(one.r_squared["mixture"][0])
+    assert (one.effects[["effect", "total_low", "total_high"]] == 0).all(axis=None)
+    assert one.found.units.in_time == 0  # rounding is not taken for what lasts
+    assert np.isnan(one.durbin_watson)
+    np.testing.assert_allclose(one.steps["credit"], 0.1)
+    words = one.report()
+    assert "too few windows" not in words
+    assert "nothing is left for actions to explain" in words
+    assert "largest number" not in words
+    assert "Here they say the same of every row." in words
+    assert "e−1" not in words
+
+
+def test_labels_of_windows_of_other_lengths_are_not_proportional() -> None:
+    assert found(table()).rate is None

@@ -12,7 +12,7 @@ from credit.core.errors import UserError
 from credit.logged.fits.choosing import Reduced
 from credit.logged.fits.folds import Folds
 from credit.logged.fits.moments import Moments, moments
-from credit.logged.fits.ridge import LAMBDAS, held_out, signed, solutions
+from credit.logged.fits.ridge import LAMBDAS, held_out, rounded, signed, solutions
 from credit.logged.fits.units import Units
 from credit.logged.panel import INTERCEPT, Floats, Ints
 from credit.logged.progress import tell
@@ -251,7 +251,7 @@ def _solved(
         for number in range(len(theta)):
             own = None if whole is None else whole[number]
             theta[number] = signed(moments[number], penalty[number], free, bound, own)
-    return theta
+    return rounded(theta, moments)
 
 
 def _place(columns: Ints, free: int | None) -> int | None:

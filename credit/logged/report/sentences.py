@@ -56,6 +56,11 @@ def worth(result: LoggedCredit) -> str:
     lines = main_effects(result)
     if not lines:
         return "No column was named as an action, so that nothing is said of what actions were worth."
+    if result.rate is not None:
+        return (
+            f"Labels are proportional to windows’ lengths, {number(result.rate)} a row: nothing is left for actions to "
+            "explain, and no action made a difference."
+        )
     told = [line for line in lines if not line["note"]]
     sure = [line for line in told if _sure(line)]
     found = []
@@ -102,6 +107,9 @@ def predicts(result: LoggedCredit) -> Iterator[str]:
     """How well windows are predicted that were not seen, against two yardsticks."""
     found = result.found
     alike, last = result.r_squared[result.models[-1]]
+    if result.rate is not None:
+        yield "The guess that all rows are alike makes no error: nothing is left to explain."
+        return
     if not np.isfinite(alike):
         yield "There are too few windows to hold some out: it is not known how well credit predicts."
         return
@@ -232,6 +240,9 @@ def differ(result: LoggedCredit) -> Iterator[str]:
         f"{len(result.models) - 1} models were fitted. In each row they are mixed by how far each is likely to be off "
         "there, and where they differ the row’s credit depends on what one believes."
     )
+    if not result.rows.disagreement.any():
+        yield "Here they say the same of every row."
+        return
     reference, *others = result.found.names
     gaps = [
         f"{number(float(np.abs(one - result.rows.each[0]).mean()))} ({called(name)})"
