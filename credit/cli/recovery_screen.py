@@ -115,7 +115,7 @@ def _effects(console: Console, found: LoggedCredit) -> None:
 
 
 def _level(found: LoggedCredit) -> str:
-    return f"{found.found.options.level:.0%} intervals" if found.found.units.enough else "no intervals"
+    return f"{found.found.options.level:.0%} intervals" if found.found.enough else "no intervals"
 
 
 def _interval(line: Mapping[Any, Any], key: str) -> str:

@@ -67,7 +67,7 @@ def placebo(found: Recovered) -> pd.DataFrame:
     free = _intercept(found)
     theta = rounded(solutions(whole, found.plain_fit.penalty[:, None], free)[:, 0], whole)[:, -len(actions) :]
     spread = theta[1:].std(0) * found.units.correction
-    half = found.units.quantile(1 - (1 - found.options.level) / len(actions)) * spread
+    half = found.quantile(1 - (1 - found.options.level) / len(actions)) * spread
     return pd.DataFrame(
         {
             "action": actions,

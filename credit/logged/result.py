@@ -142,7 +142,7 @@ class LoggedCredit:
         freedom = max(int(found.panel.windows.labelled.sum()) - found.telling.rank, 1)
         for line in self.effects[self.effects["model"] == found.names[0]].to_dict("records"):
             half = (line["effect_high"] - line["effect_low"]) / 2
-            error = half / found.units.quantile(found.options.level)
+            error = half / found.quantile(found.options.level)
             value = claims.robustness_value(line["effect"] / error, freedom) if error > 0 else np.nan
             lines.append({"action": line["action"], "level": line["level"], "robustness": value})
         frame = pd.DataFrame(lines, columns=["action", "level", "robustness"])
@@ -198,7 +198,8 @@ class LoggedCredit:
         """What was guessed, chosen or left out, a sentence each."""
         found = self.found
         folds = f"labels are held out in {len(found.folds.of)} contiguous folds with a gap of {found.folds.gap} windows"
-        sentences = [*found.panel.said, found.units.said, folds]
+        few = [found.few_draws] if found.units.enough and found.few_draws else []
+        sentences = [*found.panel.said, found.units.said, *few, folds]
         if self.rate is not None:
             sentences.append(f"{PROPORTIONAL} ({self.rate:.6g} a row): nothing is left for columns to explain")
         registered = [model for model in found.models if isinstance(model, Registered)]

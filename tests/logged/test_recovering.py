@@ -265,3 +265,22 @@ def test_labels_that_are_proportional_to_the_lengths_of_windows_leave_nothing_to
 
 def test_labels_of_windows_of_other_lengths_are_not_proportional() -> None:
     assert found(table()).rate is None
+
+
+@pytest.mark.parametrize(("draws", "over"), [(1, "one draw has no deviation"), (9, "a deviation over 9 draws")])
+def test_below_ten_draws_there_is_no_interval_and_that_is_said(draws: int, over: str) -> None:
+    one = found(table(), draws=draws)
+    (said,) = [sentence for sentence in one.said if "intervals" in sentence]
+    assert said.startswith(f"there are no intervals: {over}")
+    assert one.steps[["credit_low", "credit_high"]].isna().all(axis=None)
+    assert one.effects[["total_low", "per_unit_high"]].isna().all(axis=None)
+    assert one.told["low"].isna().all()
+    assert one.placebo["low"].isna().all()
+    assert not one.placebo["explains"].any()
+    words = one.report()
+    assert "90% intervals" not in words
+    assert f"{draws} draws are too few" in words
+
+
+def test_ten_draws_are_enough_for_an_interval() -> None:
+    assert (found(table(), draws=10).effects["total_high"] > 0).all()

@@ -92,8 +92,10 @@ def _tiles(result: LoggedCredit) -> list[tuple[str, str]]:
         (f"{found.panel.rows:,}", f"rows in {len(found.panel.windows):,} windows"),
         *([(f"{told} of {len(lines)}", "actions that the windows tell")] if lines else []),
         (percent(found.options.level), f"intervals, from {len(found.units)} independent parts")
-        if found.units.enough
-        else ("no", f"intervals: {len(found.units)} independent parts are too few"),
+        if found.enough
+        else ("no", f"intervals: {len(found.units)} independent parts are too few")
+        if not found.units.enough
+        else ("no", f"intervals: {found.options.draws} draws are too few"),
     ]
 
 

@@ -131,7 +131,7 @@ def sure(result: LoggedCredit) -> Iterator[str]:
     """What an interval is, and what was resampled."""
     found = result.found
     units, level = found.units, percent(found.options.level)
-    if units.enough:
+    if found.enough:
         yield (
             f"Intervals are {level} intervals: the recovery was done again {found.options.draws} times, with "
             f"{len(units)} independent parts of the table weighed anew. {_sentence(units.said)}"
@@ -140,6 +140,8 @@ def sure(result: LoggedCredit) -> Iterator[str]:
             "The interval of a row is one for its expected credit. What really happened in a single row may lie "
             "outside."
         )
+    elif units.enough:
+        yield f"{_sentence(found.few_draws)} {_sentence(units.said)}"
     else:
         yield (
             "There are no intervals: with fewer than ten independent parts of the table they would say more than is "
@@ -168,7 +170,7 @@ def causes(result: LoggedCredit) -> Iterator[str]:
             f"It was said that {listed(roles.randomised)} was drawn at random: numbers of it may be read as effects."
         )
     frame = result.placebo
-    if len(frame) and result.found.units.enough and not _guilty(result):
+    if len(frame) and result.found.enough and not _guilty(result):
         yield (
             f"A check that could have failed did not: the next window’s amount of {listed(list(frame['action']))} does "
             "not “explain” this window’s label."
