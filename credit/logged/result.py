@@ -213,6 +213,14 @@ class LoggedCredit:
             sentences.append("registered models are fitted to labels as they are: ρ is of formulas and balanced credit")
         if found.options.residual == "ar1" and not found.bits:
             sentences.append(f"what is left of labels lasts from row to row with ρ = {found.rho:.3f}")
+        for sums in self._added_up if found.panel.roles.cost else ():
+            if sums.column.name in found.panel.roles.cost and not sums.free:
+                why = f"its baseline is {sums.baseline!r}, and " + (
+                    "what that would have cost is not known"
+                    if sums.column.levels is None
+                    else f"rows with it cost {sums.kept:.6g}"
+                )
+                sentences.append(f"there is no number per cost of {sums.column.name}: {why}")
         loose = [name for name in found.panel.roles.actions if name not in found.panel.roles.randomised]
         if loose:
             sentences.append(f"effects of {', '.join(loose)} are associations: not known to be drawn at random")
