@@ -19,6 +19,7 @@ from credit.logged.recovered import Recovered
 from credit.logged.registered import Registered
 from credit.logged.saving import SavedModel
 from credit.logged.scoring import Judged, Scored, frames, in_order, scored, windowed_frame
+from credit.logged.trusting import warnings
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -221,6 +222,7 @@ class LoggedCredit:
                     else f"rows with it cost {sums.kept:.6g}"
                 )
                 sentences.append(f"there is no number per cost of {sums.column.name}: {why}")
+        sentences += warnings(found, self.judged)
         loose = [name for name in found.panel.roles.actions if name not in found.panel.roles.randomised]
         if loose:
             sentences.append(f"effects of {', '.join(loose)} are associations: not known to be drawn at random")

@@ -12,6 +12,7 @@ from credit.logged.panel import INTERCEPT, MIXTURE
 from credit.logged.report.gathered import Gathered
 from credit.logged.report.names import NAMED, called, listed, named
 from credit.logged.report.numbers import interval, number, percent, short
+from credit.logged.trusting import warnings
 
 if TYPE_CHECKING:
     from credit.logged.result import LoggedCredit
@@ -187,6 +188,8 @@ def warned(result: LoggedCredit) -> Iterator[str]:
         )
     if result.r_squared[result.models[-1]][0] <= 0:
         yield "Windows not seen are predicted no better than by a guess, which speaks against all numbers here."
+    for one in warnings(result.found, result.judged):
+        yield _sentence(one)
     yield from _missing(result)
 
 
