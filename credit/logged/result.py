@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from credit.core.errors import UserError
-from credit.logged import claims
+from credit.logged import claims, crossing
 from credit.logged.effects import Sums, added_up, effects, over_time
 from credit.logged.fits.linear import LinearFit
 from credit.logged.fits.ridge import left
@@ -222,7 +222,7 @@ class LoggedCredit:
                     else f"rows with it cost {sums.kept:.6g}"
                 )
                 sentences.append(f"there is no number per cost of {sums.column.name}: {why}")
-        sentences += warnings(found, self.judged)
+        sentences += filter(None, [crossing.said(found), *warnings(found, self.judged)])
         loose = [name for name in found.panel.roles.actions if name not in found.panel.roles.randomised]
         if loose:
             sentences.append(f"effects of {', '.join(loose)} are associations: not known to be drawn at random")

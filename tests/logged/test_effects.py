@@ -22,7 +22,9 @@ def test_an_effect_of_a_linear_model_is_its_coefficient_counted_from_the_baselin
     np.testing.assert_allclose(line["effect"], theta[0] * (frame["x"] - 0.5).mean(), rtol=1e-9)
     np.testing.assert_allclose(line["total"], theta[0] * (frame["x"] - 0.5).sum(), rtol=1e-9)
     assert np.isnan(line["per_cost"])  # what half a unit would have cost is not known
-    assert "there is no number per cost of x: its baseline is 0.5, and what that would have cost is not known" in one.said
+    assert (
+        "there is no number per cost of x: its baseline is 0.5, and what that would have cost is not known" in one.said
+    )
     one = found(frame, surrogates={}, cost={"x": "spent"})
     other = one.effects.iloc[0]
     np.testing.assert_allclose(other["per_cost"], other["total"] / frame["spent"].sum(), rtol=1e-9)
@@ -76,7 +78,9 @@ def test_a_category_has_a_number_per_cost_where_its_baseline_costs_nothing(fixed
     said = [sentence for sentence in one.said if "per cost" in sentence]
     if fixed:
         cost = fixed * (frame["kind"] == "none").sum()
-        assert said == [f"there is no number per cost of kind: its baseline is 'none', and rows with it cost {cost:.6g}"]
+        assert said == [
+            f"there is no number per cost of kind: its baseline is 'none', and rows with it cost {cost:.6g}"
+        ]
         assert np.isnan(line["per_cost"])
     else:
         assert said == []

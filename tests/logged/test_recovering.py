@@ -238,7 +238,7 @@ def test_the_interval_of_a_coefficient_is_of_its_term_in_every_draw_whatever_dec
     line = one.told[one.told["column"].str.startswith("adstock")].iloc[0]
     own = fit.theta[:, terms.choices[0].columns].sum((1, 2))  # 0 for all but the candidate that was chosen
     assert line["high"] - line["coefficient"] == pytest.approx(one.found.factor * own[1:].std())
-    assert 0 < line["low"]
+    assert line["low"] > 0
 
 
 def test_labels_that_are_proportional_to_the_lengths_of_windows_leave_nothing_to_explain() -> None:
