@@ -87,6 +87,8 @@ def shown(found: LoggedCredit, folder: Path) -> None:
     _untold(console, found)
     _effects(console, found)
     for name, (alike, last) in found.r_squared.items():
+        if alike != alike:  # nothing was held out, or nothing is left to explain
+            continue
         console.print(f"held-out R² of {name}: {alike:.3f} against all steps alike, {last:.3f} against the last window")
     console.print(f"\nresult   {folder}", soft_wrap=True)
     console.print("  " + "  ".join(sorted(path.name for path in folder.iterdir())))
@@ -124,7 +126,7 @@ def _effects(console: Console, found: LoggedCredit) -> None:
 
 
 def _level(found: LoggedCredit) -> str:
-    return f"{found.found.options.level:.0%} intervals" if found.found.units.enough else "no intervals"
+    return f"{found.found.options.level:.0%} intervals" if found.found.enough else "no intervals"
 
 
 def _interval(line: Mapping[Any, Any], key: str) -> str:

@@ -12,6 +12,7 @@ from credit.core import signatures
 from credit.core.errors import UserError, nearest
 from credit.core.naming import is_name
 from credit.core.signatures import signature
+from credit.logged.crossing import crossed
 from credit.logged.formulas.terms import Terms
 from credit.logged.models import Model
 from credit.logged.panel import MIXTURE, Panel
@@ -88,6 +89,8 @@ class Ask:
         reference = dict(self.reference)
         if reference.get("formula") is None and CHOSEN not in reference and actions:
             reference["formula"] = " + ".join(["1", *actions, *map(quoted, roles.states)])
+        elif reference.get("formula") is None and CHOSEN not in reference and _formulas() and (pairs := crossed(panel)):
+            reference["formula"] = f"1 + {pairs}"
         draws = self.options.draws
         found = [_made(REFERENCE, REFERENCE, reference, panel, draws)]
         surrogates = self.surrogates

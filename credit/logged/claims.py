@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from credit.logged.fits.linear import Fitting
-from credit.logged.fits.ridge import solutions
+from credit.logged.fits.ridge import rounded, solutions
 from credit.logged.models import Model, windowed
 from credit.logged.panel import INTERCEPT, Column, Floats, Ints, Panel, Windows
 from credit.logged.recovered import Recovered
@@ -66,9 +66,9 @@ def placebo(found: Recovered) -> pd.DataFrame:
     fitting = Fitting(found.folds, found.units, found.options.draws, found.options.seed)
     whole = fitting.moments(x, y, known).sum(0)
     free = _intercept(found)
-    theta = solutions(whole, found.plain_fit.penalty[:, None], free)[:, 0, -len(actions) :]
+    theta = rounded(solutions(whole, found.plain_fit.penalty[:, None], free)[:, 0], whole)[:, -len(actions) :]
     spread = theta[1:].std(0) * found.units.correction
-    half = found.units.quantile(1 - (1 - found.options.level) / len(actions)) * spread
+    half = found.quantile(1 - (1 - found.options.level) / len(actions)) * spread
     return pd.DataFrame(
         {
             "action": actions,

@@ -52,13 +52,19 @@ class Sums:
     without: Pass  # these, in rows where the action always was the baseline
     plain: Pass | None  # all columns of the plain model in these rows, where that is not the reference
     levels: dict[Any, _Sum] = field(default_factory=dict)
+    kept: float = 0.0  # what rows at the baseline cost, where that is a category
+
+    @property
+    def free(self) -> bool:
+        """Whether the baseline costs nothing, as far as it is known: what another number would have cost is not."""
+        return self.kept == 0 if self.column.levels is not None else float(self.baseline) == 0
 
 
 def effects(found: Recovered, every: list[Sums]) -> pd.DataFrame:
     """A row for each action (and each category of one) and model, the mixture last, of what `added_up` found.
 
     Columns: action, level (of a category), baseline, model, rows, effect (a row's mean), total, per_unit, per_cost
-    (where costs are known), each with _low and _high; told (whether the windows tell it), and note.
+    (where costs are known, and the baseline has none), each with _low and _high; told (whether the windows tell it), and note.
     """
     import pandas as pd
 
@@ -156,6 +162,9 @@ def added_up(found: Recovered) -> list[Sums]:
                     phi[:, at_columns] = other[sample]
                 beyond = ours - in_all_fits(theirs)
             cost = found.panel.roles.cost.get(sums.column.name)
+            if cost is not None and sums.column.levels is not None:
+                at_base = (part.frame[sums.column.name] == sums.baseline).to_numpy()
+                sums.kept += float(part.frame[cost].to_numpy(np.float64)[at_base].sum())
             plain_there = None if sums.plain is None else sums.plain.of(part)[0]
             for level, rows in _rows(part, sums):
                 total = sums.levels[level]
@@ -236,7 +245,7 @@ def _lines(found: Recovered, sums: Sums, level: Any, total: _Sum) -> Iterator[di
         totals.append(totals[0] + total.mixture * (total.rows / max(total.sampled, 1)))
     scales = {"effect": total.rows, "total": 1, "per_unit": total.units}
     if action in found.panel.roles.cost:
-        scales["per_cost"] = total.cost
+        scales["per_cost"] = total.cost if sums.free else np.nan
     for name, draws in zip(found.every_name, totals, strict=True):
         value = draws[0] if told else np.nan
         half = found.factor * draws[1:].std()

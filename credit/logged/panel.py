@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from credit.logged.tables.known import Known
 
 INTERCEPT = "Intercept"  # name of a design's column that is 1 in every row, as formulaic has it
+NOTHING = 1e-12  # of a size, below which a number is what rounding left
 MIXTURE = "mixture"  # what the models together are called in tables
 LabelIs = Literal["sum", "mean", "last", "binary"]
 Floats = NDArray[np.float64]
@@ -124,6 +125,15 @@ class Windows:
     def labelled(self) -> NDArray[np.bool_]:
         """Which have a label [W]."""
         return np.isfinite(self.label)
+
+    @property
+    def rate(self) -> float | None:
+        """What every label is of its window's number of rows, where that is the same for all; else None."""
+        label, steps = self.label[self.labelled], self.steps[self.labelled].astype(np.float64)
+        if not len(label):
+            return None
+        rate = float(label.sum() / steps.sum())
+        return rate if (np.abs(label - rate * steps) <= NOTHING * np.abs(label).max()).all() else None
 
 
 @dataclass(frozen=True)

@@ -170,7 +170,7 @@ def _values(found: Recovered, half: np.ndarray, choice: Ints, credit: Floats) ->
 
     def valued(policy: str, estimator: str, of: Floats, effective: float) -> Value:
         enough = effective >= FEWEST
-        deviation = of[1:].std() * units.correction * units.quantile(found.options.level)
+        deviation = of[1:].std() * units.correction * found.quantile(found.options.level)
         value = float(of[0]) if enough else float("nan")
         return Value(policy, estimator, value, value - deviation, value + deviation, effective, len(use))
 

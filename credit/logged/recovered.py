@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from credit.logged.fits.predicting import RegisteredFit
 
 AnyModel = Model | Registered
+FEWEST_DRAWS = 10  # a deviation over B draws is itself off by 1/√(2(B − 1)), here by a quarter: with fewer, no interval
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Options:
     """How credit is recovered.
 
     Args:
-        draws: B, refits by which uncertainty is told. level: of intervals. folds: K, contiguous in time. gap: windows
+        draws: B, refits by which uncertainty is told, ten or more for intervals. level: of intervals. folds: K, contiguous in time. gap: windows
             between what is fitted and what is tested; None: as long as residuals hang together. residual: how what is
             left of a label is given to its rows. rho: ρ of ar1; None: estimated. nonnegative: no balanced credit below
             0. seed: of the draws.
@@ -119,7 +120,24 @@ class Recovered:
     @property
     def factor(self) -> float:
         """By what a deviation over draws is multiplied to be half an interval; NaN where there is none."""
-        return self.units.quantile(self.options.level) * self.units.correction
+        return self.quantile(self.options.level) * self.units.correction
+
+    @property
+    def enough(self) -> bool:
+        """Whether there are intervals: units and draws are not too few."""
+        return self.units.enough and self.options.draws >= FEWEST_DRAWS
+
+    @property
+    def few_draws(self) -> str:
+        """That there are no intervals for want of draws, a sentence; "" where they are enough."""
+        if (draws := self.options.draws) >= FEWEST_DRAWS:
+            return ""
+        over = f"a deviation over {draws} draws says little" if draws > 1 else "one draw has no deviation"
+        return f"there are no intervals: {over}; they need draws={FEWEST_DRAWS}, and 200 are usual"
+
+    def quantile(self, level: float) -> float:
+        """Half the width of an interval, in standard errors; NaN where there is none."""
+        return self.units.quantile(level) if self.enough else float("nan")
 
     @property
     def bits(self) -> bool:

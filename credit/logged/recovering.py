@@ -14,6 +14,7 @@ from credit.logged.fits.linear import Fitting, LinearFit
 from credit.logged.fits.moments import Moments
 from credit.logged.fits.odds import Bits, require_bits
 from credit.logged.fits.refining import refined
+from credit.logged.fits.ridge import left
 from credit.logged.fits.telling import Telling, remedied, told
 from credit.logged.fits.units import Units, units_of
 from credit.logged.formulas.terms import Terms
@@ -166,7 +167,7 @@ class _Numbers(_Fit):
             self.rho = self._rho(first, layout, y)
         x, white = self._whitened(layout, y)
         points, _ = self._fits(Fitting(self.folds, None), x, white)
-        residuals = np.where(self.known, white - x[0] @ points[0].theta[0], np.nan)
+        residuals = np.where(self.known, left(white, x[0] @ points[0].theta[0]), np.nan)
         units = units_of(residuals, self.windows)
         if self._refine(points, x, white, units):
             x, white = self._whitened(layout, y)

@@ -9,18 +9,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from credit.core.errors import UserError
-from credit.logged import claims
+from credit.logged import claims, crossing
 from credit.logged.effects import Sums, added_up, effects, over_time
 from credit.logged.fits.linear import LinearFit
+from credit.logged.fits.ridge import left
 from credit.logged.fits.telling import WEAK
 from credit.logged.policies import Logged, policies
 from credit.logged.recovered import Recovered
 from credit.logged.registered import Registered
 from credit.logged.saving import SavedModel
 from credit.logged.scoring import Judged, Scored, frames, in_order, scored, windowed_frame
+from credit.logged.trusting import warnings
 
 if TYPE_CHECKING:
     import pandas as pd
+
+PROPORTIONAL = "labels are proportional to windows' lengths"
 
 
 class LoggedCredit:
@@ -100,7 +104,7 @@ class LoggedCredit:
         for number, name in enumerate(telling.names):
             one = relation.get(number)
             weak = telling.inflation[number] > WEAK
-            own = found.plain_fit.theta[:, found.told_columns[number]]
+            own = found.plain_fit.coefficient(found.plain.terms, int(found.told_columns[number]))
             half = found.factor * own[1:].std() if len(own) > 1 else np.nan
             value = np.nan if one is not None else own[0]
             partner = telling.partner[number]
@@ -139,7 +143,7 @@ class LoggedCredit:
         freedom = max(int(found.panel.windows.labelled.sum()) - found.telling.rank, 1)
         for line in self.effects[self.effects["model"] == found.names[0]].to_dict("records"):
             half = (line["effect_high"] - line["effect_low"]) / 2
-            error = half / found.units.quantile(found.options.level)
+            error = half / found.quantile(found.options.level)
             value = claims.robustness_value(line["effect"] / error, freedom) if error > 0 else np.nan
             lines.append({"action": line["action"], "level": line["level"], "robustness": value})
         frame = pd.DataFrame(lines, columns=["action", "level", "robustness"])
@@ -151,9 +155,14 @@ class LoggedCredit:
         return policies(self.found)
 
     @property
+    def rate(self) -> float | None:
+        """What each row brought, where labels are sums that are proportional to windows' lengths; else None."""
+        return self.found.panel.windows.rate if self.found.panel.roles.label_is == "sum" else None
+
+    @property
     def durbin_watson(self) -> float:
         """Of what is left of labels, 2 for no correlation."""
-        residuals = self.found.panel.windows.label - self.judged.fitted
+        residuals = left(self.found.panel.windows.label, self.judged.fitted)
         return claims.durbin_watson(residuals, self.found.panel.windows)
 
     @property
@@ -198,7 +207,10 @@ class LoggedCredit:
         """What was guessed, chosen or left out, a sentence each."""
         found = self.found
         folds = f"labels are held out in {len(found.folds.of)} contiguous folds with a gap of {found.folds.gap} windows"
-        sentences = [*found.panel.said, found.units.said, folds]
+        few = [found.few_draws] if found.units.enough and found.few_draws else []
+        sentences = [*found.panel.said, found.units.said, *few, folds]
+        if self.rate is not None:
+            sentences.append(f"{PROPORTIONAL} ({self.rate:.6g} a row): nothing is left for columns to explain")
         registered = [model for model in found.models if isinstance(model, Registered)]
         if own := [model.name for model in registered if model.chosen.own]:
             others = len(own) < len(found.models)
@@ -210,6 +222,15 @@ class LoggedCredit:
             sentences.append("registered models are fitted to labels as they are: ρ is of formulas and balanced credit")
         if found.options.residual == "ar1" and not found.bits:
             sentences.append(f"what is left of labels lasts from row to row with ρ = {found.rho:.3f}")
+        for sums in self._added_up if found.panel.roles.cost else ():
+            if sums.column.name in found.panel.roles.cost and not sums.free:
+                why = f"its baseline is {sums.baseline!r}, and " + (
+                    "what that would have cost is not known"
+                    if sums.column.levels is None
+                    else f"rows with it cost {sums.kept:.6g}"
+                )
+                sentences.append(f"there is no number per cost of {sums.column.name}: {why}")
+        sentences += filter(None, [crossing.said(found), *warnings(found, self.judged)])
         loose = [name for name in found.panel.roles.actions if name not in found.panel.roles.randomised]
         if loose:
             sentences.append(f"effects of {', '.join(loose)} are associations: not known to be drawn at random")

@@ -13,7 +13,7 @@ from credit.logged.fits.folds import r_squared
 from credit.logged.fits.mixture import mixed
 from credit.logged.fitted import Fitted
 from credit.logged.models import Pass, aggregated, parts_of
-from credit.logged.panel import Floats, Panel, Part
+from credit.logged.panel import NOTHING, Floats, Panel, Part
 from credit.logged.recovered import Recovered, thetas
 from credit.logged.residuals.balance import balanced
 from credit.logged.residuals.whitening import Layout, errors
@@ -120,6 +120,8 @@ def credited(
         sums[own] = aggregated(part, what.credit, panel.roles)
         if seen is not None:
             seen(part, own, designs)
+    for values in (half, disagreement):
+        values[values <= NOTHING * np.abs(each).max(initial=0)] = 0
     if fitted.intercept is not None:
         sums = _odds(sums, fitted.intercept)
         adding_up = np.full(count, np.nan)

@@ -21,7 +21,14 @@ def test_an_effect_of_a_linear_model_is_its_coefficient_counted_from_the_baselin
     np.testing.assert_allclose(line["per_unit"], theta[0], rtol=1e-9)
     np.testing.assert_allclose(line["effect"], theta[0] * (frame["x"] - 0.5).mean(), rtol=1e-9)
     np.testing.assert_allclose(line["total"], theta[0] * (frame["x"] - 0.5).sum(), rtol=1e-9)
-    np.testing.assert_allclose(line["per_cost"], line["total"] / frame["spent"].sum(), rtol=1e-9)
+    assert np.isnan(line["per_cost"])  # what half a unit would have cost is not known
+    assert (
+        "there is no number per cost of x: its baseline is 0.5, and what that would have cost is not known" in one.said
+    )
+    one = found(frame, surrogates={}, cost={"x": "spent"})
+    other = one.effects.iloc[0]
+    np.testing.assert_allclose(other["per_cost"], other["total"] / frame["spent"].sum(), rtol=1e-9)
+    assert not any("per cost" in sentence for sentence in one.said)
     half = one.found.factor * theta[1:].std()
     np.testing.assert_allclose([line["per_unit_low"], line["per_unit_high"]], [theta[0] - half, theta[0] + half])
 
@@ -58,6 +65,26 @@ def test_each_category_has_an_effect_in_its_own_rows() -> None:
     assert set(effects["baseline"]) == {"none"}
     np.testing.assert_allclose(effects.loc[["a", "b"], "effect"], [2, -1], atol=1e-6)
     assert effects.loc["a", "rows"] == (kinds == "a").sum()
+
+
+@pytest.mark.parametrize("fixed", [0.0, 0.5])
+def test_a_category_has_a_number_per_cost_where_its_baseline_costs_nothing(fixed: float) -> None:
+    frame = table()
+    frame["kind"] = np.random.default_rng(1).choice(["none", "a"], p=[0.6, 0.4], size=len(frame))
+    frame["spent"] = np.where(frame["kind"] == "a", 3.0, fixed)
+    words = {"reference": "1 + kind + x", "surrogates": {}, "actions": ["kind"], "states": ["x"]}
+    one = found(frame, cost={"kind": "spent"}, **words)
+    line = one.effects.iloc[0]
+    said = [sentence for sentence in one.said if "per cost" in sentence]
+    if fixed:
+        cost = fixed * (frame["kind"] == "none").sum()
+        assert said == [
+            f"there is no number per cost of kind: its baseline is 'none', and rows with it cost {cost:.6g}"
+        ]
+        assert np.isnan(line["per_cost"])
+    else:
+        assert said == []
+        np.testing.assert_allclose(line["per_cost"], line["total"] / (3.0 * line["rows"]))
 
 
 def test_an_action_that_never_moved_has_no_unit() -> None:

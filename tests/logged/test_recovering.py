@@ -229,3 +229,58 @@ def test_steps_have_the_index_of_the_frame() -> None:
 def test_a_label_of_words_is_refused() -> None:
     with pytest.raises(UserError, match="y of row 0 is 'a lot', and it is"):
         credit.recover(table().assign(y="a lot"), window="w", label="y")
+
+
+def test_the_interval_of_a_coefficient_is_of_its_term_in_every_draw_whatever_decay_it_chose() -> None:
+    one = found(table(noise=3.0), reference="1 + adstock(x) + z", surrogates={}, draws=30)
+    fit, terms = one.found.plain_fit, one.found.plain.terms
+    assert len(np.unique(fit.chosen[:, 0])) > 1
+    line = one.told[one.told["column"].str.startswith("adstock")].iloc[0]
+    own = fit.theta[:, terms.choices[0].columns].sum((1, 2))  # 0 for all but the candidate that was chosen
+    assert line["high"] - line["coefficient"] == pytest.approx(one.found.factor * own[1:].std())
+    assert line["low"] > 0
+
+
+def test_labels_that_are_proportional_to_the_lengths_of_windows_leave_nothing_to_explain() -> None:
+    random = np.random.default_rng(3)
+    lengths = random.integers(3, 8, 40)
+    frame = pd.DataFrame({"w": np.repeat(np.arange(40), lengths), "x": random.choice(["a", "b"], lengths.sum())})
+    frame["z"] = random.normal(size=len(frame))
+    frame["y"] = 0.1 * lengths.repeat(lengths)
+    one = found(frame, time=None, group=None, surrogates=None, reference=None)
+    assert one.rate == pytest.approx(0.1)
+    assert "labels are proportional to windows' lengths (0.1 a row): nothing is left for columns to explain" in one.said
+    assert np.isnan(one.r_squared["mixture"][0])
+    assert (one.effects[["effect", "total_low", "total_high"]] == 0).all(axis=None)
+    assert one.found.units.in_time == 0  # rounding is not taken for what lasts
+    assert np.isnan(one.durbin_watson)
+    np.testing.assert_allclose(one.steps["credit"], 0.1)
+    words = one.report()
+    assert "too few windows" not in words
+    assert "nothing is left for actions to explain" in words
+    assert "largest number" not in words
+    assert "Here they say the same of every row." in words
+    assert "e−1" not in words
+
+
+def test_labels_of_windows_of_other_lengths_are_not_proportional() -> None:
+    assert found(table()).rate is None
+
+
+@pytest.mark.parametrize(("draws", "over"), [(1, "one draw has no deviation"), (9, "a deviation over 9 draws")])
+def test_below_ten_draws_there_is_no_interval_and_that_is_said(draws: int, over: str) -> None:
+    one = found(table(), draws=draws)
+    (said,) = [sentence for sentence in one.said if "intervals" in sentence]
+    assert said.startswith(f"there are no intervals: {over}")
+    assert one.steps[["credit_low", "credit_high"]].isna().all(axis=None)
+    assert one.effects[["total_low", "per_unit_high"]].isna().all(axis=None)
+    assert one.told["low"].isna().all()
+    assert one.placebo["low"].isna().all()
+    assert not one.placebo["explains"].any()
+    words = one.report()
+    assert "90% intervals" not in words
+    assert f"{draws} draws are too few" in words
+
+
+def test_ten_draws_are_enough_for_an_interval() -> None:
+    assert (found(table(), draws=10).effects["total_high"] > 0).all()

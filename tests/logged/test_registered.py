@@ -83,7 +83,7 @@ def test_a_network_finds_what_made_the_labels(own: bool, monkeypatch: pytest.Mon
 
     monkeypatch.setattr(fits, "REPLICATED", 20_000)  # some replicas at a time
     frame = table(windows=80)
-    one = found(frame, reference=Chosen(network(), own), surrogates={"x": "1 + x"}, draws=8, folds=2)
+    one = found(frame, reference=Chosen(network(), own), surrogates={"x": "1 + x"}, draws=10, folds=2)
     truth = 2 + 3 * frame["x"] - frame["z"]
     assert np.corrcoef(one.steps["credit_reference"], truth)[0, 1] > 0.98
     assert (one.steps["credit_low"] < one.steps["credit_high"]).all()

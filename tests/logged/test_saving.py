@@ -37,7 +37,7 @@ class Forgetful(Own):
 
 
 def small(**words: Any) -> LoggedCredit:
-    return found(table(windows=15), **{"draws": 3, "surrogates": {"x": "1 + x"}, **words})
+    return found(table(windows=15), **{"draws": 10, "surrogates": {"x": "1 + x"}, **words})
 
 
 @pytest.fixture
@@ -66,13 +66,13 @@ def test_nothing_that_runs_is_written_and_numbers_are_those_of_json(folder: Path
     assert names == ["fits.npz", "model.json"]
     json.loads((folder / "model" / "model.json").read_text(), parse_constant=pytest.fail)  # no NaN
     with np.load(folder / "model" / "fits.npz", allow_pickle=False) as arrays:
-        assert arrays["0.theta"].shape == (4, 3)
+        assert arrays["0.theta"].shape == (11, 3)
         assert {values.dtype.kind for values in arrays.values()} <= {"f", "i"}
 
 
 def test_it_says_how_it_was_fitted(folder: Path) -> None:
     one = SavedModel.read(folder)
-    assert one.options["draws"] == 3
+    assert one.options["draws"] == 10
     assert one.source == "the frame"
     assert one.known.roles.actions == ("x",)
     assert one.fitted.parts[0].model.terms.formula == "1 + x + z"

@@ -64,7 +64,7 @@ def require_same(model: SavedModel, one: LoggedCredit, frame: pd.DataFrame, with
 def test_networks_come_back(tmp_path: Path, reference: Callable[[], NeuralModel], own: bool) -> None:
     frame = table(windows=12, groups=2).assign(c=np.tile([*"ab"], 60))
     surrogates = {"x": "1 + x", "line": LinearModel("line", Flat())}
-    one = found(frame, states=["z", "c"], reference=Chosen(reference(), own), surrogates=surrogates, draws=3, folds=2)
+    one = found(frame, states=["z", "c"], reference=Chosen(reference(), own), surrogates=surrogates, draws=10, folds=2)
     require_same(again(one, tmp_path), one, frame, SCALE)
 
 
@@ -73,15 +73,15 @@ def test_networks_come_back(tmp_path: Path, reference: Callable[[], NeuralModel]
     [
         LinearModel("ridge", Identity()),
         LinearModel("ridge", Identity(["state", "step"]), credit="every_step"),
-        LinearModel("boot", Bilinear(), Bootstrap(draws=4)),
-        TableModel(Bootstrap(draws=4)),
+        LinearModel("boot", Bilinear(), Bootstrap(draws=10)),
+        TableModel(Bootstrap(draws=10)),
     ],
 )
 @pytest.mark.parametrize("label_is", ["sum", "last"])
 def test_models_of_double_precision_come_back(tmp_path: Path, model: RewardModel, label_is: str) -> None:
     frame = cells(30)
     surrogates = {"s": "1 + s", "steps": LinearModel("steps", Identity(["state", "action", "step"]))}
-    one = recovered(frame, model, surrogates=surrogates, draws=4, folds=2, label_is=label_is)
+    one = recovered(frame, model, surrogates=surrogates, draws=10, folds=2, label_is=label_is)
     require_same(again(one, tmp_path), one, frame, 1e-12)
 
 
@@ -89,7 +89,7 @@ def test_bits_and_a_formula_as_the_reference_come_back(tmp_path: Path) -> None:
     frame = cells(60)
     frame["y"] = np.where(frame["y"].notna(), frame["y"] > frame["y"].median(), np.nan)
     logistic = LinearModel("ridge", Identity(), likelihood="logistic")
-    one = recovered(frame, "1 + s + a", label_is="binary", surrogates={"cells": logistic}, draws=3, folds=2)
+    one = recovered(frame, "1 + s + a", label_is="binary", surrogates={"cells": logistic}, draws=10, folds=2)
     model = again(one, tmp_path)
     new = model.scored(frame.drop(columns="worth"))
     for name in ("credit", "credit_low", "credit_cells", "weight_cells", "disagreement"):
@@ -116,7 +116,7 @@ def test_the_configuration_says_what_objects_do_not(tmp_path: Path) -> None:
     features = EqualCells({"z": 3, "a0": 2}, {"z": [-3, 3]}, actions=False)
     node = {"_target_": "", "name": "cut", "features": {"_target_": "", "cells": {"z": 3, "a0": 2},
             "bounds": {"z": [-3, 3]}, "actions": False}}  # fmt: skip
-    words: dict[str, Any] = {"surrogates": {}, "draws": 2, "folds": 2}
+    words: dict[str, Any] = {"surrogates": {}, "draws": 10, "folds": 2}
     one = found(frame, reference=Chosen(LinearModel("cut", features), False, node), **words)
     require_same(again(one, tmp_path), one, frame, 1e-12)
     assert "'actions'" in found(frame, reference=LinearModel("cut", features), **words).found.models[0].unsaved

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from credit.logged.fits.moments import Moments
-from credit.logged.panel import Floats, Ints, Windows
+from credit.logged.panel import NOTHING, Floats, Ints, Windows
 
 
 @dataclass(frozen=True)
@@ -75,4 +75,5 @@ def r_squared(labels: Floats, predicted: Floats, plain: Floats) -> float:
     """1 − Σ (Y − Ŷ)² / Σ (Y − Y₀)² over windows where all three are known; NaN where the plain one makes no error."""
     known = np.isfinite(labels) & np.isfinite(predicted) & np.isfinite(plain)
     below = ((labels - plain)[known] ** 2).sum()
-    return float(1 - ((labels - predicted)[known] ** 2).sum() / below) if below > 0 else float("nan")
+    nothing = (NOTHING * labels[known]) ** 2
+    return float(1 - ((labels - predicted)[known] ** 2).sum() / below) if below > nothing.sum() else float("nan")

@@ -12,7 +12,7 @@ from credit.core.errors import UserError
 from credit.logged.fits.choosing import Reduced
 from credit.logged.fits.folds import Folds
 from credit.logged.fits.moments import Moments, moments
-from credit.logged.fits.ridge import LAMBDAS, held_out, signed, solutions
+from credit.logged.fits.ridge import LAMBDAS, held_out, rounded, signed, solutions
 from credit.logged.fits.units import Units
 from credit.logged.panel import INTERCEPT, Floats, Ints
 from credit.logged.progress import tell
@@ -71,6 +71,16 @@ class LinearFit:
         """Which columns of the design are in some fit."""
         every = [choices.chosen(choice) for choice in np.unique(self.chosen, axis=0)]
         return np.unique(np.concatenate(every)).astype(np.int64)
+
+    def coefficient(self, choices: Choices, column: int) -> Floats:
+        """What the term of a column is multiplied by in every fit [1 + B], whichever candidate it chose there."""
+        found = self.theta[:, column].copy()
+        for at, free in enumerate(choices.choices):
+            places = np.flatnonzero(free.columns[self.chosen[0, at]] == column)
+            if len(places):
+                own = np.array([one[places[0]] if places[0] < len(one) else column for one in free.columns])
+                found = self.theta[np.arange(len(found)), own[self.chosen[:, at]]]
+        return found
 
 
 def intercept_of(choices: Choices) -> int | None:
@@ -241,7 +251,7 @@ def _solved(
         for number in range(len(theta)):
             own = None if whole is None else whole[number]
             theta[number] = signed(moments[number], penalty[number], free, bound, own)
-    return theta
+    return rounded(theta, moments)
 
 
 def _place(columns: Ints, free: int | None) -> int | None:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from credit.logged.fits.moments import Moments
-from credit.logged.panel import Floats, Ints
+from credit.logged.panel import NOTHING, Floats, Ints
 
 LAMBDAS = np.logspace(-3, 4, 15)  # windows
 ROUNDING = 1e-10  # of the largest eigenvalue, below which columns are not told apart
@@ -75,6 +75,18 @@ def scales(moments: Moments, free: int | None) -> Floats:
     if free is not None:
         scale[..., free] = 0
     return scale
+
+
+def rounded(theta: Floats, moments: Moments) -> Floats:
+    """θ [..., d] of fits with moments [...], 0 where what a column adds to labels is what rounding left."""
+    adds = np.abs(theta) * np.sqrt(np.maximum(np.diagonal(moments.xx, axis1=-2, axis2=-1), 0))
+    return np.where(adds > NOTHING * np.sqrt(np.maximum(moments.yy, 0))[..., None], theta, 0.0)
+
+
+def left(y: Floats, fitted: Floats) -> Floats:
+    """What is left of labels [W]; 0 where it is what rounding left of them."""
+    residuals = y - fitted
+    return np.where(np.abs(residuals) > NOTHING * np.nanmax(np.abs(y)), residuals, 0.0)
 
 
 def held_out(fitted: Moments, tested: Moments, penalties: Floats, free: int | None) -> Floats:

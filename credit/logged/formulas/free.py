@@ -32,7 +32,7 @@ class Free:
 
     Attributes:
         text: factors, as the formula has them. candidates: the same with numbers. columns: of the design, one array a
-            candidate; candidates may share some.
+            candidate, what is the same but for its number at the same place of each; candidates may share some.
         call: text of the one decay that is chosen here, where numbers between its candidates can be tried; else "".
         decays: those of the candidates, rising, where there is such a call.
     """

@@ -60,7 +60,7 @@ def _free(
             texts |= dict.fromkeys(
                 one.text for one, (name, _) in zip(block.factors, each.factors, strict=True) if free_calls(trees[name])
             )
-        candidates.setdefault(", ".join(texts), np.sort(np.concatenate(parts)))
+        candidates.setdefault(", ".join(texts), np.concatenate(parts))  # what stands at one place is the same
     free = dict.fromkeys(name for each in members for name, _ in each.factors if free_calls(trees[name]))
     alone = next(iter(calls)) if len(calls) == 1 and len(candidates) == len(DECAYS) else ""
     own = (

@@ -36,6 +36,7 @@ def _filled(result: LoggedCredit) -> dict[str, Any]:
     """What the page has a place for."""
     found, data = result.found, gathered(result)
     several, policy = MIXTURE in result.models, result.policies
+    differ = several and bool(result.rows.disagreement.any())
     return {
         "label": short(found.panel.roles.label, 60),
         "source": short(found.panel.source, 200),
@@ -58,11 +59,12 @@ def _filled(result: LoggedCredit) -> dict[str, Any]:
         "weak": _weak(result),
         "prediction": figures.prediction(result, data),
         "scores": tables.scores(result),
-        "disagreement": figures.disagreement(result, data) if several else None,
-        "where": figures.where(result, data) if several else None,
-        "by_group": tables.shares(data.groups, short(found.panel.roles.group)) if several else None,
-        "by_action": tables.shares(data.actions, "what was done") if several else None,
-        "top": tables.top(data) if several else None,
+        "disagreement": figures.disagreement(result, data) if differ else None,
+        "differing": differ,
+        "where": figures.where(result, data) if differ else None,
+        "by_group": tables.shares(data.groups, short(found.panel.roles.group)) if differ else None,
+        "by_action": tables.shares(data.actions, "what was done") if differ else None,
+        "top": tables.top(data) if differ else None,
         "time": figures.over_time(result, data),
         "details": tables.details(result),
         "durbin_watson": number(result.durbin_watson),
@@ -90,8 +92,10 @@ def _tiles(result: LoggedCredit) -> list[tuple[str, str]]:
         (f"{found.panel.rows:,}", f"rows in {len(found.panel.windows):,} windows"),
         *([(f"{told} of {len(lines)}", "actions that the windows tell")] if lines else []),
         (percent(found.options.level), f"intervals, from {len(found.units)} independent parts")
-        if found.units.enough
-        else ("no", f"intervals: {len(found.units)} independent parts are too few"),
+        if found.enough
+        else ("no", f"intervals: {len(found.units)} independent parts are too few")
+        if not found.units.enough
+        else ("no", f"intervals: {found.options.draws} draws are too few"),
     ]
 
 

@@ -12,6 +12,7 @@ from credit.logged.panel import INTERCEPT, MIXTURE
 from credit.logged.report.gathered import Gathered
 from credit.logged.report.names import NAMED, called, listed, named, numberless
 from credit.logged.report.numbers import interval, number, percent, short
+from credit.logged.trusting import warnings
 
 if TYPE_CHECKING:
     from credit.logged.result import LoggedCredit
@@ -56,6 +57,11 @@ def worth(result: LoggedCredit) -> str:
     lines = main_effects(result)
     if not lines:
         return "No column was named as an action, so that nothing is said of what actions were worth."
+    if result.rate is not None:
+        return (
+            f"Labels are proportional to windows’ lengths, {number(result.rate)} a row: nothing is left for actions to "
+            "explain, and no action made a difference."
+        )
     told = [line for line in lines if not numberless(line)]
     sure = [line for line in told if _sure(line)]
     found = []
@@ -102,6 +108,9 @@ def predicts(result: LoggedCredit) -> Iterator[str]:
     """How well windows are predicted that were not seen, against two yardsticks."""
     found = result.found
     alike, last = result.r_squared[result.models[-1]]
+    if result.rate is not None:
+        yield "The guess that all rows are alike makes no error: nothing is left to explain."
+        return
     if not np.isfinite(alike):
         yield "There are too few windows to hold some out: it is not known how well credit predicts."
         return
@@ -123,7 +132,7 @@ def sure(result: LoggedCredit) -> Iterator[str]:
     """What an interval is, and what was resampled."""
     found = result.found
     units, level = found.units, percent(found.options.level)
-    if units.enough:
+    if found.enough:
         yield (
             f"Intervals are {level} intervals: the recovery was done again {found.options.draws} times, with "
             f"{len(units)} independent parts of the table weighed anew. {_sentence(units.said)}"
@@ -132,6 +141,8 @@ def sure(result: LoggedCredit) -> Iterator[str]:
             "The interval of a row is one for its expected credit. What really happened in a single row may lie "
             "outside."
         )
+    elif units.enough:
+        yield f"{_sentence(found.few_draws)} {_sentence(units.said)}"
     else:
         yield (
             "There are no intervals: with fewer than ten independent parts of the table they would say more than is "
@@ -160,7 +171,7 @@ def causes(result: LoggedCredit) -> Iterator[str]:
             f"It was said that {listed(roles.randomised)} was drawn at random: numbers of it may be read as effects."
         )
     frame = result.placebo
-    if len(frame) and result.found.units.enough and not _guilty(result):
+    if len(frame) and result.found.enough and not _guilty(result):
         yield (
             f"A check that could have failed did not: the next window’s amount of {listed(list(frame['action']))} does "
             "not “explain” this window’s label."
@@ -177,6 +188,8 @@ def warned(result: LoggedCredit) -> Iterator[str]:
         )
     if result.r_squared[result.models[-1]][0] <= 0:
         yield "Windows not seen are predicted no better than by a guess, which speaks against all numbers here."
+    for one in warnings(result.found, result.judged):
+        yield _sentence(one)
     yield from _missing(result)
 
 
@@ -232,6 +245,9 @@ def differ(result: LoggedCredit) -> Iterator[str]:
         f"{len(result.models) - 1} models were fitted. In each row they are mixed by how far each is likely to be off "
         "there, and where they differ the row’s credit depends on what one believes."
     )
+    if not result.rows.disagreement.any():
+        yield "Here they say the same of every row."
+        return
     reference, *others = result.found.names
     gaps = [
         f"{number(float(np.abs(one - result.rows.each[0]).mean()))} ({called(name)})"

@@ -10,7 +10,7 @@ import pytest
 
 from credit.core.errors import UserError
 from credit.logged.fits.folds import folds_of, r_squared
-from credit.logged.fits.linear import Fitting
+from credit.logged.fits.linear import Fitting, LinearFit
 from credit.logged.fits.moments import Moments
 from credit.logged.fits.ridge import LAMBDAS, solutions
 from credit.logged.fits.units import Units
@@ -156,3 +156,12 @@ def test_what_a_fold_hardly_sees_predicts_nothing_wild() -> None:
     fit = fitting.fit(design(3), pieces)
     without = fitting.without(design(3), pieces, fit, 0, 0)[0]
     assert np.abs(x[:12] @ without - y[:12]).max() < 20
+
+
+def test_a_coefficient_is_that_of_its_term_whichever_candidate_a_fit_chose() -> None:
+    terms = [Term("a", ["a0", "a1"], [np.array([3, 1]), np.array([2, 4])])]  # x3 and x2, x1 and x4 are the same
+    theta = np.array([[1, 5, 0, 6, 0, 9], [2, 0, 7, 0, 8, 9], [3, 1, 0, 2, 0, 9.0]])
+    fit = LinearFit(theta, np.ones(3), np.array([[0], [1], [0]]), 0.0)
+    offered = Design(["Intercept", "x1", "x2", "x3", "x4", "z"], np.array([0, 5]), terms)
+    wanted = {0: [1, 2, 3], 1: [5, 8, 1], 3: [6, 7, 2], 5: [9, 9, 9]}
+    assert {column: fit.coefficient(offered, column).tolist() for column in wanted} == wanted
