@@ -40,7 +40,7 @@ BELOW: dict[str, set[str]] = {  # room → the rooms that it may import, beside 
     "tuning": CORE | {"config", "runs"},
     **dict.fromkeys(READERS, CORE | {"runs"}),
     "cli": LOOP | READERS | {"config", "logged", "runs", "tuning", "bench", "testing"},
-    "bench": LOOP | READERS | {"config", "logged", "runs", "cli", ""},  # the last: `credit` itself, as its users have it
+    "bench": LOOP | READERS | {"config", "logged", "runs", "cli", ""},  # the last: `credit` itself
     "testing": LOOP | READERS | {"config", "runs", "cli"},
     "renamed": set(),
     "api": {"core", "config", "logged", "runs", "report", "cli"},  # what commands do, from Python
