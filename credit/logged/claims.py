@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from credit.logged import binning
+from credit.logged.binning import Bin, Bins
 from credit.logged.fits.linear import Fitting
 from credit.logged.fits.ridge import rounded, solutions
 from credit.logged.models import windowed
-from credit.logged.panel import INTERCEPT, Column, Floats, Ints, Panel, Windows
+from credit.logged.panel import INTERCEPT, Floats, Panel, Windows
 from credit.logged.recovered import Recovered
 from credit.logged.residuals.whitening import Layout, whiten
 from credit.logged.spreading import mapped
@@ -24,7 +26,6 @@ from credit.logged.spreading import mapped
 if TYPE_CHECKING:
     import pandas as pd
 
-BINS = 3  # of a number, in which the share of labels is told
 LARGE = 3.0  # standard errors from which on a share of labels differs
 
 
@@ -93,49 +94,37 @@ def labelled_share(found: Recovered) -> pd.DataFrame:
     import pandas as pd
 
     panel = found.panel
-    counts: dict[tuple[str, str], Ints] = {}
+    counts: Bins = {}
     for section in mapped(_counted, panel):
         for key, some in section.items():
-            counts[key] = counts.get(key, 0) + some
+            counts[key] = counts[key].add(some) if key in counts else some
     share = panel.windows.labelled[np.repeat(np.arange(len(panel.windows)), panel.windows.steps)].mean()
     each = panel.rows / len(panel.windows)
     lines = []
-    for (name, value), (count, labelled) in counts.items():
+    for name, number in sorted(counts, key=lambda key: (panel.roles.features.index(key[0]), key[1])):
+        one = counts[name, number]
+        count, labelled = one.sums
         error = np.sqrt(max(share * (1 - share), 1e-12) / max(count / each, 1))
-        differs = bool(count and abs(labelled / count - share) > LARGE * error)
+        differs = bool(abs(labelled / count - share) > LARGE * error)
         lines.append(
             {
                 "column": name,
-                "value": value,
-                "rows": count,
-                "labelled": labelled / count if count else np.nan,
+                "value": binning.name(panel.columns[name], number, one),
+                "rows": int(count),
+                "labelled": labelled / count,
                 "differs": differs,
             }
         )
     return pd.DataFrame(lines, columns=["column", "value", "rows", "labelled", "differs"])
 
 
-def _counted(section: Panel) -> dict[tuple[str, str], Ints]:
-    """(feature, value) → rows, and those in labelled windows [2]."""
-    counts: dict[tuple[str, str], Ints] = {}
+def _counted(section: Panel) -> Bins:
+    """Rows, and those in labelled windows."""
+    counts: Bins = {}
     for part in section.parts():
         held = section.windows.labelled[part.window]
         for name in section.roles.features:
-            for value, rows in bins(part.frame[name], section.columns[name]):
-                some = np.array([rows.sum(), (rows & held).sum()])
-                counts[name, value] = counts.get((name, value), 0) + some
+            for number, rows, one in binning.binned(part.frame[name], section.columns[name]):
+                some = Bin(np.append(one.sums, (rows & held).sum()), one.low, one.high)
+                counts[name, number] = counts[name, number].add(some) if (name, number) in counts else some
     return counts
-
-
-def bins(series: pd.Series, column: Column) -> list[tuple[str, np.ndarray]]:
-    """Each category of a feature, or third of its numbers, and which rows [n] are in it."""
-    if column.levels is not None:
-        codes, levels = series.cat.codes.to_numpy(), list(series.cat.categories)
-        return [(str(level), codes == code) for code, level in enumerate(levels)]
-    values = series.to_numpy(np.float64)
-    edges = np.unique(np.quantile(np.array(column.quantiles), np.linspace(0, 1, BINS + 1)[1:-1]))
-    which = np.searchsorted(edges, values, side="left")
-    low = [column.least, *edges]
-    high = [*edges, column.most]
-    names = [f"{a:.4g}" if a == b else f"{a:.4g} to {b:.4g}" for a, b in zip(low, high, strict=True)]
-    return [(name, which == at) for at, name in enumerate(names)]

@@ -73,7 +73,8 @@ def said(found: Recovered) -> str:
         numbers = [name for name in roles.features if columns[name].levels is None]
         some = any(columns[name].levels is not None for name in roles.states)
         if some and roles.actions and not {*numbers} & {*roles.actions}:
-            return f"no policy is chosen: one is a table of states, and {', '.join(numbers)} {'is a number' if len(numbers) == 1 else 'are numbers'}"
+            what = "is a number" if len(numbers) == 1 else "are numbers"
+            return f"no policy is chosen: one is a table of states, and {', '.join(numbers)} {what}"
         return ""
     if any(isinstance(model, Registered) for model in found.models):
         return ""

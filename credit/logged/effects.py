@@ -63,7 +63,8 @@ def effects(found: Recovered, every: list[Sums]) -> pd.DataFrame:
     """A row for each action (and each category of one) and model, the mixture last, of what `added_up` found.
 
     Columns: action, level (of a category), baseline, model, rows, effect (a row's mean), total, per_unit, per_cost
-    (where costs are known, and the baseline has none), each with _low and _high; told (whether the windows tell it), and note.
+    (where costs are known, and the baseline has none), each with _low and _high; told (whether the windows tell it),
+    and note.
     """
     import pandas as pd
 

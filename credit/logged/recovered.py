@@ -34,7 +34,8 @@ class Options:
     """How credit is recovered.
 
     Args:
-        draws: B, refits by which uncertainty is told, ten or more for intervals. level: of intervals. folds: K, contiguous in time. gap: windows
+        draws: B, refits by which uncertainty is told, ten or more for intervals. level: of intervals.
+        folds: K, contiguous in time. gap: windows
             between what is fitted and what is tested; None: as long as residuals hang together. residual: how what is
             left of a label is given to its rows. rho: ρ of ar1; None: estimated. nonnegative: no balanced credit below
             0. seed: of the draws.
