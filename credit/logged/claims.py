@@ -15,10 +15,11 @@ import numpy as np
 
 from credit.logged import binning
 from credit.logged.binning import Bin, Bins
-from credit.logged.fits.linear import Fitting
+from credit.logged.fits.moments import moments
 from credit.logged.fits.ridge import rounded, solutions
+from credit.logged.fits.units import FEWEST
 from credit.logged.models import windowed
-from credit.logged.panel import INTERCEPT, Floats, Panel, Windows
+from credit.logged.panel import INTERCEPT, Floats, Ints, Panel, Windows
 from credit.logged.recovered import Recovered
 from credit.logged.residuals.whitening import Layout, whiten
 from credit.logged.spreading import mapped
@@ -26,6 +27,7 @@ from credit.logged.spreading import mapped
 if TYPE_CHECKING:
     import pandas as pd
 
+MOST, NUMBERS = 400, 3 * 10**7  # fits of a jackknife, and numbers in their moments
 LARGE = 3.0  # standard errors from which on a share of labels differs
 
 
@@ -46,7 +48,8 @@ def placebo(found: Recovered) -> pd.DataFrame:
     """For each action that is a number: what the next window's amount of it would be worth to this label.
 
     Columns: action, estimate, low, high, explains. The recovery's level is that of all actions together (Bonferroni),
-    since with five of them one in three sets of 90% intervals would accuse somebody.
+    since with five of them one in three sets of 90% intervals would accuse somebody: at 90%, one table in ten in which
+    nothing is wrong has an alarm.
     """
     import pandas as pd
 
@@ -63,21 +66,36 @@ def placebo(found: Recovered) -> pd.DataFrame:
     if found.rho != 0:
         layout = Layout.of(windows.steps, windows.group, known, found.panel.roles.label_is)
         x, y = whiten(x, layout, found.rho).values, whiten(y[:, None], layout, found.rho).values[:, 0]
-    fitting = Fitting(found.folds, found.units, found.options.draws, found.options.seed)
-    whole = fitting.moments(x, y, known).sum(0)
-    free = _intercept(found)
-    theta = rounded(solutions(whole, found.plain_fit.penalty[:, None], free)[:, 0], whole)[:, -len(actions) :]
-    spread = theta[1:].std(0) * found.units.correction
-    half = found.quantile(1 - (1 - found.options.level) / len(actions)) * spread
+    theta, error = (values[-len(actions) :] for values in _jackknife(found, x[known], y[known], found.units.of[known]))
+    half = found.quantile(1 - (1 - found.options.level) / len(actions)) * error
     return pd.DataFrame(
         {
             "action": actions,
-            "estimate": theta[0],
-            "low": theta[0] - half,
-            "high": theta[0] + half,
-            "explains": np.abs(theta[0]) > half,
+            "estimate": theta,
+            "low": theta - half,
+            "high": theta + half,
+            "explains": np.abs(theta) > half,
         }
     )
+
+
+def _jackknife(found: Recovered, x: Floats, y: Floats, unit: Ints) -> tuple[Floats, Floats]:
+    """θ [d] of a design [w, d] at the plain model's λ, and its standard errors: of fits without each unit in turn.
+
+    Draws of weights are too sure of a coefficient that is close to many others, with few units: of panels with nothing
+    wrong (four regions, eighty weeks, five actions) 14 of 60 had an alarm by draws, and 3 have one by this, where 6 are
+    to be expected.
+    """
+    count = min(len(found.units), max(FEWEST, min(MOST, int(NUMBERS / x.shape[1] ** 2))))
+    unit = unit * count // len(found.units)  # neighbours together, where there are very many
+
+    def without(units: Ints) -> Floats:
+        return np.concatenate([np.ones((len(units), 1)), units[:, None] != np.arange(count)], axis=1)
+
+    whole = moments(x, y, np.zeros_like(unit), unit, without, 1, 1 + count).sum(0)
+    theta = solutions(whole, np.full((1 + count, 1), found.plain_fit.penalty[0]), _intercept(found))[:, 0]
+    theta = rounded(theta, whole)
+    return theta[0], np.sqrt(((theta[1:] - theta[0]) ** 2).sum(0) * (count - 1) / count)
 
 
 def _intercept(found: Recovered) -> int | None:

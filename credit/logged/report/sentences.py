@@ -184,7 +184,8 @@ def warned(result: LoggedCredit) -> Iterator[str]:
     if guilty := _guilty(result):
         yield (
             f"The next window’s amount of {listed(guilty)} “explains” this window’s label, which it cannot cause. "
-            "Something else moves both, so that the number above is not to be trusted."
+            "Something else may move both, and then the number above is not to be trusted. By chance alone about "
+            f"{percent(1 - result.found.options.level)} of all tables say so."
         )
     if result.r_squared[result.models[-1]][0] <= 0:
         yield "Windows not seen are predicted no better than by a guess, which speaks against all numbers here."
