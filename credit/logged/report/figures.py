@@ -221,11 +221,9 @@ def disagreement(result: LoggedCredit, data: Gathered) -> Picture:
 
 
 def where(result: LoggedCredit, data: Gathered) -> Picture | None:
-    """Disagreement in the groups and under the actions where there is most of it."""
+    """How far models lie apart in the groups and under the actions where they do most."""
     by = (f"by {short(result.found.panel.roles.group)}", data.groups), ("by what was done", data.actions)
-    shown = [
-        (title, sorted(shares, key=lambda one: -one.disagreement)[:BARS]) for title, shares in by if len(shares) > 1
-    ]
+    shown = [(title, sorted(shares, key=lambda one: -one.apart)[:BARS]) for title, shares in by if len(shares) > 1]
     if not shown:
         return None
 
@@ -236,10 +234,10 @@ def where(result: LoggedCredit, data: Gathered) -> Picture | None:
         figure, panels = look.figure(width, height, len(shown), beside, **({} if beside else {"height_ratios": sizes}))
         for panel, (title, shares) in zip(panels, shown, strict=True):
             names = [short(one.name, 24 if beside else 20) for one in shares][::-1]
-            panel.barh(range(len(names)), [one.disagreement for one in shares][::-1], color=UNSURE, height=0.55)
+            panel.barh(range(len(names)), [one.apart for one in shares][::-1], color=UNSURE, height=0.55)
             _rows(panel, names, title)
             panel.set_xlim(left=0)
         return figure
 
     said = "; ".join(f"{title}: {short(shares[0].name)}" for title, shares in shown)
-    return look.drawn("where", f"Where disagreement is largest, {said}", draw)
+    return look.drawn("where", f"Where models lie farthest apart, {said}", draw)

@@ -184,7 +184,8 @@ def warned(result: LoggedCredit) -> Iterator[str]:
     if guilty := _guilty(result):
         yield (
             f"The next window’s amount of {listed(guilty)} “explains” this window’s label, which it cannot cause. "
-            "Something else moves both, so that the number above is not to be trusted."
+            "Something else may move both, and then the number above is not to be trusted. By chance alone about "
+            f"{percent(1 - result.found.options.level)} of all tables say so."
         )
     if result.r_squared[result.models[-1]][0] <= 0:
         yield "Windows not seen are predicted no better than by a guess, which speaks against all numbers here."
@@ -255,6 +256,8 @@ def differ(result: LoggedCredit) -> Iterator[str]:
     ]
     yield (
         f"A row’s credit is {number(float(result.rows.credit.mean()))} on average. From what {called(reference)} says "
-        f"of a row, the others are so far away on average: {listed(gaps)}. Disagreement, below, is how far the model "
-        "that is best in a row may be off: its own spread, or its distance from the reference."
+        f"of a row, the others are so far away on average: {listed(gaps)}. Rows, bars and tables below are in the "
+        "order of how far models lie apart. Disagreement is another thing: how far the model that is best in a row may "
+        "be off, its own spread or its distance from the reference. It is small where one model is sure, and others count "
+        "little there, however far away they are."
     )

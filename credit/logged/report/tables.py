@@ -104,11 +104,11 @@ def scores(result: LoggedCredit) -> Table:
 
 def shares(some: Sequence[Share], what: str) -> Table:
     """Groups, or what was done: rows, credit, and by how much models differ, where they do most first."""
-    ordered = sorted(some, key=lambda one: -one.disagreement)
+    ordered = sorted(some, key=lambda one: -one.apart)
     lines: list[list[str | Cell]] = [
-        [one.name, whole(one.rows), count(one.credit), count(one.disagreement)] for one in ordered
+        [one.name, whole(one.rows), count(one.credit), count(one.apart), count(one.disagreement)] for one in ordered
     ]
-    return table([what, "rows", "credit of a row", "disagreement"], lines, "steps", 100)
+    return table([what, "rows", "credit of a row", "models apart by", "disagreement"], lines, "steps", 100)
 
 
 def top(data: Gathered) -> Table:

@@ -41,6 +41,10 @@ def test_means_over_time_groups_and_actions_are_those_of_the_steps(most: int, mo
     assert [share.name for share in data.groups] == ["g0", "g1", "g2"]
     np.testing.assert_allclose([share.credit for share in data.groups], by_group["credit"].mean(), rtol=1e-9)
     np.testing.assert_allclose([share.disagreement for share in data.groups], by_group["disagreement"].mean())
+    apart = (steps["credit_reference"] - steps["credit_actions"]).abs()
+    np.testing.assert_allclose([share.apart for share in data.groups], apart.groupby(frame["g"]).mean())
+    assert [*data.top["row"]] == [*apart.sort_values(ascending=False).index[:10]]
+    assert [*data.top["t"].astype(int)] == [*frame["t"][data.top["row"]]]
     assert sum(share.rows for share in data.actions) == len(frame)
     total = one.effects_over_time["effect"].sum()
     np.testing.assert_allclose(total, one.effects.set_index("model").loc["mixture", "total"], rtol=1e-9)

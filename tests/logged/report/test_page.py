@@ -97,11 +97,14 @@ def test_pictures_have_words_and_stay_words(read: Page) -> None:
     assert len(names) == len(set(names))
 
 
-def test_the_rows_where_models_disagree_most_are_those_of_the_frame(panel: LoggedCredit, read: Page) -> None:
-    steps = panel.steps.sort_values("disagreement", ascending=False).head(10)
+def test_the_rows_where_models_lie_farthest_apart_are_those_of_the_frame(panel: LoggedCredit, read: Page) -> None:
+    apart = (panel.steps["credit_reference"] - panel.steps["credit_actions"]).abs()
+    steps = panel.steps.assign(apart=apart).sort_values("apart", ascending=False).head(10)
     lines = read.table("region")
     assert [int(line["row"]) for line in lines] == [*steps.index]
     assert [line["disagreement"] for line in lines] == [number(one, 4) for one in steps["disagreement"]]
+    assert [line["apart"] for line in lines] == [number(one, 4) for one in steps["apart"]]
+    assert [line["day"] for line in lines] == [str(day).removesuffix(" 00:00:00") for day in steps["day"]]
     assert [line["by model “actions”"] for line in lines] == [number(one, 4) for one in steps["credit_actions"]]
 
 
