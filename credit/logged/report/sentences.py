@@ -258,6 +258,6 @@ def differ(result: LoggedCredit) -> Iterator[str]:
         f"A row’s credit is {number(float(result.rows.credit.mean()))} on average. From what {called(reference)} says "
         f"of a row, the others are so far away on average: {listed(gaps)}. Rows, bars and tables below are in the "
         "order of how far models lie apart. Disagreement is another thing: how far the model that is best in a row may "
-        "be off, its own spread or its distance from the reference. It is small where one model is sure, and others count "
-        "little there, however far away they are."
+        "be off, its own spread or its distance from the reference. It is small where one model is sure, and others "
+        "count little there, however far away they are."
     )
