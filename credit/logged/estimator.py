@@ -178,7 +178,7 @@ class CreditRegressor(RegressorMixin, BaseEstimator):
         name = _free("y", frame.columns)
         window = self._column(self.window, X)
         if window is None:
-            window = _free("row", frame.columns)
+            window = _free("row_number", frame.columns)
             frame = frame.assign(**{window: np.arange(len(frame))})
         return frame.assign(**{name: label}), {"window": window, "label": name}
 

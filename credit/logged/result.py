@@ -190,6 +190,8 @@ class LoggedCredit:
         """What was guessed, chosen or left out, a sentence each."""
         found = self.found
         folds = f"labels are held out in {len(found.folds.of)} contiguous folds with a gap of {found.folds.gap} windows"
+        if (asked := found.options.gap) and asked > found.folds.gap:
+            folds += f", and not of gap={asked}: more than a third of a fold would leave too little between two gaps"
         sentences = [*found.panel.said, found.units.said, folds]
         registered = [model for model in found.models if isinstance(model, Registered)]
         if own := [model.name for model in registered if model.chosen.own]:
