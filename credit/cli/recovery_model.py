@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from credit.cli.output import page
+from credit.logged.panel import LABEL_IS
 
 if TYPE_CHECKING:
     from credit.cli.recovery_words import Request
@@ -56,7 +57,7 @@ def _explained(asked: Request, model: SavedModel, panel: Table) -> None:
     console.print(f"model    {', '.join(model.fitted.names)}, fitted to {model.source} ({asked.model})")
     if roles.label:
         labels = int(windows.labelled.sum())
-        console.print(f"label    {roles.label}, the {roles.label_is} of a window's rows; {labels:,} windows have one")
+        console.print(f"label    {roles.label}, {LABEL_IS[roles.label_is]}; {labels:,} windows have one")
     for sentence in panel.said:
         console.print(f"  · {sentence}")
     if asked.explain:

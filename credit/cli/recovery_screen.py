@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from credit.cli.output import page
 from credit.logged.fits.folds import folds_of
+from credit.logged.panel import LABEL_IS
 from credit.logged.registered import Registered
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ def explained(panel: Panel, models: Sequence[AnyModel], asked: Request) -> None:
     groups = f" in {len(windows.groups)} groups ({roles.group})" if roles.group else ""
     labels = int(windows.labelled.sum())
     console.print(f"{panel.source}: {panel.rows:,} rows, {len(windows):,} windows ({roles.window}){groups}")
-    console.print(f"label    {roles.label}, the {roles.label_is} of a window's rows; {labels:,} windows have one")
+    console.print(f"label    {roles.label}, {LABEL_IS[roles.label_is]}; {labels:,} windows have one")
     for name, columns in (("actions", roles.actions), ("states", roles.states), ("stock", roles.stock)):
         if columns:
             console.print(f"{name:<8} {', '.join(columns)}")

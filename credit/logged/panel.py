@@ -23,6 +23,12 @@ INTERCEPT = "Intercept"  # name of a design's column that is 1 in every row, as 
 NOTHING = 1e-12  # of a size, below which a number is what rounding left
 MIXTURE = "mixture"  # what the models together are called in tables
 LabelIs = Literal["sum", "mean", "last", "binary"]
+LABEL_IS: Mapping[LabelIs, str] = {  # in words
+    "sum": "the sum of a window's rows",
+    "mean": "the mean of a window's rows",
+    "last": "what the last of a window's rows brought",
+    "binary": "0 or 1, with the sum of a window's rows as log-odds",
+}
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 

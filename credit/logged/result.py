@@ -207,6 +207,8 @@ class LoggedCredit:
         """What was guessed, chosen or left out, a sentence each."""
         found = self.found
         folds = f"labels are held out in {len(found.folds.of)} contiguous folds with a gap of {found.folds.gap} windows"
+        if (asked := found.options.gap) and asked > found.folds.gap:
+            folds += f", and not of gap={asked}: more than a third of a fold would leave too little between two gaps"
         few = [found.few_draws] if found.units.enough and found.few_draws else []
         sentences = [*found.panel.said, found.units.said, *few, folds]
         if self.rate is not None:

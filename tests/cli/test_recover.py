@@ -269,3 +269,12 @@ def test_columns_called_as_results_are_refused_before_the_fit(
     assert recover(str(sales), *WORDS, *QUICK) == 0
     assert recover("other.csv", "--model", "outputs/recover/sales", f"data.{word}={new}", "name=new") == 2
     assert new in capsys.readouterr().err
+
+
+def test_bits_and_a_gap_that_was_cut_are_said(sales: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    frame = pd.read_csv(sales)
+    frame.assign(y=(frame["y"] > frame["y"].median()).astype(int)).to_csv("bits.csv", index=False)
+    assert recover("bits.csv", *WORDS, "--explain") == 0
+    assert "y, 0 or 1, with the sum of a window's rows as log-odds" in " ".join(capsys.readouterr().out.split())
+    assert recover("sales.csv", *WORDS, *QUICK, "gap=100") == 0
+    assert ", and not of gap=100: more than a third of a fold" in " ".join(capsys.readouterr().out.split())

@@ -19,7 +19,7 @@ from credit.logged.tables.sources import FrameSource
 from credit.logged.tables.words import Words
 
 PREFIX = "minari:"
-FILE = "main_data.hdf5"
+FILE, FACTS = "main_data.hdf5", "metadata.json"
 LARGEST = 200_000_000  # numbers, of which a table in memory may have so many
 WIDEST = 1_000  # numbers of an observation, or of an action
 
@@ -31,7 +31,14 @@ def dataset(data: Any) -> str | None:
     if str(data).startswith(PREFIX):
         return str(data).removeprefix(PREFIX)
     folder = Path(data)
-    return str(data) if any((folder / place / FILE).is_file() for place in ("", "data")) else None
+    if any((folder / place / FILE).is_file() for place in ("", "data")):
+        return str(data)
+    if any((folder / place / FACTS).is_file() for place in ("", "data")):
+        raise UserError(
+            f"{data}: this is the folder of a Minari dataset, and its steps are missing ({FILE}); was it downloaded or "
+            "copied to its end?"
+        )
+    return None
 
 
 def opened(name: str, words: Words) -> tuple[FrameSource, dict[str, Any]]:
@@ -41,11 +48,13 @@ def opened(name: str, words: Words) -> tuple[FrameSource, dict[str, Any]]:
         name: of the dataset, or its folder. words: `steps` says how long windows are, `label_is` what labels are.
 
     Raises:
-        UserError: there is none, its steps are too large or too many for a table in memory, or it has no such labels.
+        UserError: there is none, labels are all alike or of no such kind, or steps are too large or too many for a
+            table in memory.
     """
     import pandas as pd
 
     frames, numbers, window = list[pd.DataFrame](), 0, 0
+    least, most = np.inf, -np.inf
     for each in episodes(name):
         columns, count = _columns(each, name), len(each.actions)
         numbers += len(columns) * count
@@ -54,6 +63,7 @@ def opened(name: str, words: Words) -> tuple[FrameSource, dict[str, Any]]:
                 f"{name}: it has more than {LARGEST:.0e} numbers, and a Minari dataset is held in memory; write it as "
                 "Parquet files (one row a step, with columns window and label), which are read in parts"
             )
+        least, most = min(least, float(each.rewards.min())), max(most, float(each.rewards.max()))
         place = np.arange(count) // (words.steps or count)
         columns |= {"window": window + place, "label": _labels(each, place, words, name)}
         window += int(place[-1]) + 1
@@ -68,6 +78,12 @@ def opened(name: str, words: Words) -> tuple[FrameSource, dict[str, Any]]:
     actions = [column for column in names if column.startswith("action")]
     if actions == ["action"] and frame["action"].dtype.kind in "iub":
         frame["action"] = frame["action"].astype("category")
+    if (known := frame["label"].dropna()).nunique() == 1:
+        raise UserError(
+            f"{name}: all {len(known)} labels are {known.iloc[0]:g} (of rewards from {least:g} to {most:g}), and where "
+            "labels are alike nothing can be told of steps; take episodes that differ in what they brought"
+            + (", or other windows (data.steps=T) or labels (data.label_is)" if least < most else "")
+        )
     what = f"{words.steps} steps of an episode" if words.steps else "an episode (data.steps=T: T steps)"
     label_is = words.label_is or "sum"
     said = f"a window is {what}, and its label the {_SAID[label_is]} of its rewards"

@@ -70,6 +70,8 @@ def opened(data: Any, given: Mapping[str, Any] | None = None, *, memory: int = M
         windows, more = labelled(windows, second, roles, words.labels)
         said += more
     _check_labels(windows, first, roles, source.name)
+    if words.label_is == roles.label_is != "binary" and not (given or {}).get("label_is"):  # as data say of themselves
+        said += _bits(windows, roles.label)
 
     survey = Survey(features, roles.stock, source.rows, {name: CALENDAR[of] for name, of in what.dates.items()})
     steps = surveyed(source, survey, [*dict.fromkeys([*features.needed, *extra])], roles, windows.steps)
@@ -187,10 +189,19 @@ def _check_labels(windows: Windows, first: Ints, roles: Roles, source: str) -> N
         )
     if (known == known[0]).all():
         raise UserError(
-            f"{source}: {roles.label} is {known[0]:g} in all windows that have a label, and so nothing can explain it; "
-            "name another column by data.label"
+            f"{source}: {roles.label} is {known[0]:g} in all windows that have a label: where labels are alike nothing "
+            "can be told of rows; name another column by data.label if there is one"
         )
     check_bits(windows, first, roles, source)
+
+
+def _bits(windows: Windows, label: str) -> list[str]:
+    """A sentence where all labels are 0 or 1, and are taken as numbers."""
+    if not np.isin(windows.label[windows.labelled], (0, 1)).all():
+        return []
+    return [
+        f"{label} is 0 or 1 in all windows, and taken as a number; data.label_is=binary is for bits, such as success"
+    ]
 
 
 def check_bits(windows: Windows, first: Ints, roles: Roles, source: str) -> None:

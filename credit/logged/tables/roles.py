@@ -15,6 +15,7 @@ from credit.logged.tables.clock import CALENDAR, Clock
 from credit.logged.tables.columns import Kind
 from credit.logged.tables.cutting import cut
 from credit.logged.tables.guesses import Sample
+from credit.logged.tables.proportional import left_out, sentences
 from credit.logged.tables.words import BEHIND, Words
 
 if TYPE_CHECKING:
@@ -74,6 +75,7 @@ def settled(words: Words, sample: Sample, labels: pd.DataFrame | None) -> Settle
             kinds[name] = "number" if CALENDAR[made[name]] is None else "category"
         else:
             kinds[name] = _usable(name, sample, {"data.window": window, "data.label": label})
+    said += sentences(sample, [name for name in kinds if name not in made], actions)
     _about_actions(words, (*actions,), source)
     _about_features(words, states, (*actions, *states), source)
     for name in words.stock:
@@ -169,6 +171,8 @@ def _features(
         return words.states, words.actions, []
     rest = [name for name in rest if name not in words.features]
     fit, said = choosing.features(sample, rest, label)
+    copies = left_out(sample, words.features, fit)
+    fit, said = [name for name in fit if name not in copies], [*said, *copies.values()]
     if words.actions is not None:
         said.append(f"data.states=[{', '.join(fit)}]: all that is not among the actions (data.states=[] for none)")
         return tuple(fit), words.actions, said

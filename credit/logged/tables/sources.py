@@ -187,7 +187,10 @@ def _matching(text: str) -> list[Path]:
     found = sorted(Path(item) for item in glob.glob(str(path), recursive=True) if Path(item).is_file())
     if not found:
         beside = [item.name for item in path.parent.glob("*") if _suffix(item) in CSV + PARQUET]
-        raise UserError(f"{text}: there is no such file; {nearest(path.name, beside)}")
+        if not path.parent.is_dir():
+            raise UserError(f"{text}: there is no folder {path.parent}; give the path of a table")
+        near = nearest(path.name, beside) if beside else f"no table lies in {path.parent}"
+        raise UserError(f"{text}: there is no such file; {near}")
     for item in found:
         if _suffix(item) not in CSV + PARQUET:
             raise UserError(f"{item}: tables end in one of {', '.join(CSV + PARQUET)}; narrow the pattern")

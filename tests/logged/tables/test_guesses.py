@@ -164,3 +164,23 @@ def test_seeds_are_series_and_marks_of_ends_are_no_features() -> None:
     assert (roles.window, roles.group, roles.time) == ("window", "seed", None)
     assert (roles.states, roles.actions) == (("state",), ("action",))
     assert "terminated is left out: by its name it says where an episode ended" in said
+
+
+def test_columns_in_another_unit_are_left_out_or_named() -> None:
+    frame = marketing(days=140)
+    frame["tv_cost"], frame["kelvin"], frame["calm"] = 1.7 * frame.tv, frame.temperature + 273.15, 1 - frame.radio
+    roles, said = guessed(frame)
+    assert (roles.actions, roles.states) == (("tv", "radio"), ("temperature", "sky", "region"))
+    assert "tv_cost is left out: tv_cost = 1.7·tv in every row, and no window tells them apart" in said
+    assert "kelvin = 273.15 + temperature" in said
+    assert "calm = 1 − radio" in said
+    roles, said = guessed(frame, actions=["tv_cost", "radio"])
+    assert "tv" not in roles.states
+    roles, said = guessed(frame, actions=["tv", "tv_cost"], states=["kelvin"])
+    assert roles.actions == ("tv", "tv_cost")
+    assert "WARNING: tv_cost = 1.7·tv in every row" in said
+    assert "data.cost={tv: tv_cost}" in said
+    near = frame.assign(tv_cost=1.7 * frame.tv + 1e-4 * np.arange(len(frame)), calm=frame.temperature**2)
+    assert {"tv_cost", "calm"} <= {*guessed(near)[0].features}
+    near.loc[3, "kelvin"] = np.nan  # a row in which it is not known
+    assert "kelvin" in guessed(near)[0].features

@@ -77,3 +77,22 @@ def test_what_cannot_be_is_refused(episodes: list[dict[str, Any]], monkeypatch: 
     monkeypatch.setattr(minari, "LARGEST", 100)
     with pytest.raises(UserError, match="write it as Parquet"):
         opened(f"minari:{NAME}")
+
+
+def test_labels_that_are_all_alike_or_bits_are_said(episodes: list[dict[str, Any]]) -> None:
+    written("mine/nothing-v0", [{**one, "rewards": [0.0] * len(one["actions"])} for one in episodes])
+    with pytest.raises(UserError, match=r"all 30 labels are 0 \(of rewards from 0 to 0\).*take episodes that differ"):
+        opened("minari:mine/nothing-v0")
+    written("mine/bits-v0", [{**one, "rewards": [0.0] * (len(one["actions"]) - 1) + [i % 2.0]}
+                             for i, one in enumerate(episodes)])  # fmt: skip
+    assert any(
+        "label is 0 or 1 in all windows, and taken as a number" in one for one in opened("minari:mine/bits-v0").said
+    )
+    assert not any("0 or 1" in one for one in opened("minari:mine/bits-v0", {"label_is": "sum"}).said)
+
+
+def test_a_dataset_without_its_steps_is_named(tmp_path: Path) -> None:
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "metadata.json").write_text("{}")
+    with pytest.raises(UserError, match=r"its steps are missing \(main_data\.hdf5\)"):
+        opened(tmp_path)

@@ -87,6 +87,10 @@ def test_a_file_that_is_not_there_has_a_neighbour(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(UserError, match="no file in this folder"):
         located(tmp_path / "empty")
+    with pytest.raises(UserError, match=r"there is no such file; no table lies in .*empty"):
+        located(tmp_path / "empty" / "week.csv")
+    with pytest.raises(UserError, match=r"there is no folder .*nowhere; give the path of a table"):
+        located(tmp_path / "nowhere" / "week.csv")
 
 
 @pytest.mark.parametrize("memory", [2**20, 1])
