@@ -66,7 +66,11 @@ def binned(series: pd.Series, column: Column) -> Iterator[tuple[int, np.ndarray,
     which = np.searchsorted(edges(column), values, side="left")
     for number in np.unique(which):
         held = which == number
-        yield int(number), held, Bin(np.array([float(held.sum())]), float(values[held].min()), float(values[held].max()))
+        yield (
+            int(number),
+            held,
+            Bin(np.array([float(held.sum())]), float(values[held].min()), float(values[held].max())),
+        )
 
 
 def name(column: Column, number: int, one: Bin) -> str:

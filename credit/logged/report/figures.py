@@ -223,9 +223,7 @@ def disagreement(result: LoggedCredit, data: Gathered) -> Picture:
 def where(result: LoggedCredit, data: Gathered) -> Picture | None:
     """How far models lie apart in the groups and under the actions where they do most."""
     by = (f"by {short(result.found.panel.roles.group)}", data.groups), ("by what was done", data.actions)
-    shown = [
-        (title, sorted(shares, key=lambda one: -one.apart)[:BARS]) for title, shares in by if len(shares) > 1
-    ]
+    shown = [(title, sorted(shares, key=lambda one: -one.apart)[:BARS]) for title, shares in by if len(shares) > 1]
     if not shown:
         return None
 
