@@ -168,7 +168,7 @@ class _Numbers(_Fit):
         x, white = self._whitened(layout, y)
         points, _ = self._fits(Fitting(self.folds, None), x, white)
         residuals = np.where(self.known, left(white, x[0] @ points[0].theta[0]), np.nan)
-        units = units_of(residuals, self.windows)
+        units = units_of(residuals, self.windows, self.rho != 0)
         if self._refine(points, x, white, units):
             x, white = self._whitened(layout, y)
         y = white

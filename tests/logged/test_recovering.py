@@ -284,3 +284,13 @@ def test_below_ten_draws_there_is_no_interval_and_that_is_said(draws: int, over:
 
 def test_ten_draws_are_enough_for_an_interval() -> None:
     assert (found(table(), draws=10).effects["total_high"] > 0).all()
+
+
+@pytest.mark.parametrize(("rho", "whitened"), [(0.9, True), (0.0, False)])
+def test_correlations_of_what_is_left_say_whether_what_lasts_was_taken_out(rho: float, whitened: bool) -> None:
+    one = found(table(), rho=rho)
+    taken = "once what lasts from row to row is taken out, correlation of windows that follow each other"
+    assert (taken in one.found.units.said) == whitened
+    words = one.report()
+    assert ("what lasts from row to row is still in it" in words) == whitened
+    assert "40 parts of the table weighed anew, which are independent of each other as far as can be seen" in words

@@ -118,12 +118,14 @@ def block_length(correlation: float, times: int) -> int:
     return int(max(1, min(np.ceil(best), times // FEWEST)))
 
 
-def units_of(residuals: Floats, windows: Windows) -> Units:
+def units_of(residuals: Floats, windows: Windows, whitened: bool = False) -> Units:
     """Choose what is resampled, from how the residuals of labels hang together.
 
     Args:
-        residuals: of the fit to all labels [W], NaN where a window has none.
+        residuals: of the fit to all labels [W], NaN where a window has none. whitened: whether what lasts from row to
+            row was taken out of them, so that they hang together less than labels do.
     """
+    taken = "once what lasts from row to row is taken out, " if whitened else ""
     along, across, along_error, across_error = correlations(residuals, windows)
     groups = np.unique(windows.group[np.isfinite(residuals)])
     together = np.isfinite(across) and across > SURE * across_error
@@ -131,7 +133,9 @@ def units_of(residuals: Floats, windows: Windows) -> Units:
         keys = np.zeros(len(windows.groups), dtype=np.uint64)
         first = np.unique(windows.group, return_index=True)
         keys[first[0]] = _names(windows.groups)[first[0]]
-        said = f"groups are resampled: there are {len(groups)}, and their residuals at one time are not correlated"
+        said = (
+            f"groups are resampled: there are {len(groups)}, and {taken}their residuals at one time are not correlated"
+        )
         return Units("groups", windows.group, keys, 0, along, across, f"{said} ({_number(across)})")
     times = int(windows.time.max()) + 1
     length = block_length(along if along > SURE * along_error else 0.0, times)
@@ -139,7 +143,7 @@ def units_of(residuals: Floats, windows: Windows) -> Units:
     keys = _mixed(np.arange(int(of.max()) + 1, dtype=np.uint64) + np.uint64(1))
     what = f"blocks of {length} windows" if length > 1 else "windows"
     common = " that begin together, of all groups," if len(windows.groups) > 1 else ""
-    why = f"correlation of windows that follow each other {_number(along)}"
+    why = f"{taken}correlation of windows that follow each other {_number(along)}"
     why += f", of groups at one time {_number(across)}" if len(windows.groups) > 1 else ""
     said = f"{what}{common} are resampled, {len(keys)} of them ({why})"
     if len(keys) < FEWEST:

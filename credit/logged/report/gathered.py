@@ -136,9 +136,9 @@ def _of_parts(
             for one in np.flatnonzero((top >= at.start) & (top < at.stop)):
                 times[one] = _said(part.frame[roles.time].iloc[int(top[one]) - at.start])
         for name in roles.actions:
-            for number, held, one in binning.binned(part.frame[name], panel.columns[name]):
+            for number, held, few in binning.binned(part.frame[name], panel.columns[name]):
                 more = [values[at][held].sum() for values in (rows.credit, rows.disagreement, apart)]
-                some = Bin(np.append(one.sums, more), one.low, one.high)
+                some = Bin(np.append(few.sums, more), few.low, few.high)
                 sums[name, number] = sums[name, number].add(some) if (name, number) in sums else some
     if not any(when):
         when = [str(1 + int(time[window])) for window in first]

@@ -68,6 +68,7 @@ def _filled(result: LoggedCredit) -> dict[str, Any]:
         "time": figures.over_time(result, data),
         "details": tables.details(result),
         "durbin_watson": number(result.durbin_watson),
+        "rho": found.rho,
         "said": result.said,
         "policy": policy,
         "policy_values": tables.policy_values(policy) if policy is not None and policy.values else None,
@@ -91,7 +92,7 @@ def _tiles(result: LoggedCredit) -> list[tuple[str, str]]:
         ),
         (f"{found.panel.rows:,}", f"rows in {len(found.panel.windows):,} windows"),
         *([(f"{told} of {len(lines)}", "actions that the windows tell")] if lines else []),
-        (percent(found.options.level), f"intervals, from {len(found.units)} independent parts")
+        (percent(found.options.level), f"intervals, from {len(found.units)} parts that are weighed anew")
         if found.enough
         else ("no", f"intervals: {len(found.units)} independent parts are too few")
         if not found.units.enough

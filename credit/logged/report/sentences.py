@@ -135,7 +135,8 @@ def sure(result: LoggedCredit) -> Iterator[str]:
     if found.enough:
         yield (
             f"Intervals are {level} intervals: the recovery was done again {found.options.draws} times, with "
-            f"{len(units)} independent parts of the table weighed anew. {_sentence(units.said)}"
+            f"{len(units)} parts of the table weighed anew, which are independent of each other as far as can be seen. "
+            f"{_sentence(units.said)}"
         )
         yield (
             "The interval of a row is one for its expected credit. What really happened in a single row may lie "
@@ -258,6 +259,6 @@ def differ(result: LoggedCredit) -> Iterator[str]:
         f"A row’s credit is {number(float(result.rows.credit.mean()))} on average. From what {called(reference)} says "
         f"of a row, the others are so far away on average: {listed(gaps)}. Rows, bars and tables below are in the "
         "order of how far models lie apart. Disagreement is another thing: how far the model that is best in a row may "
-        "be off, its own spread or its distance from the reference. It is small where one model is sure, and others "
-        "count little there, however far away they are."
+        "be off, its own spread or its distance from the reference. It is small where one model is sure, and there "
+        "others count little, however far away they are."
     )
