@@ -101,7 +101,7 @@ def placed(asked: Request, text: str, taken: Sequence[Path] = ()) -> Request:
         if asked.named or within:
             raise UserError(
                 f"name={name}: {one.folder.parent if within else one.folder} holds another recovery, which would be "
-                "lost; take another name, another output=…, or remove it"
+                "lost; take another name, or another output=…"
             )
         number += 1
 
