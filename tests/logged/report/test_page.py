@@ -215,7 +215,7 @@ def _more(recovered: Callable[[], LoggedCredit], said: list[str]) -> Any:
         _more(means, ["in an average row"]),
         _more(no_time, ["in 40 windows (w). Of each window"]),
         _more(missing_labels, ["Of 60 of these windows"]),
-        _more(missing_under_an_action, ["Labels are no fair sample of all windows", "x 1 to 5 ("]),
+        _more(missing_under_an_action, ["Labels are no fair sample of all windows", "x 5 ("]),
         _more(policy, ["A policy from this log", "doubly robust", "It was said that x was drawn at random"]),
     ],
 )
