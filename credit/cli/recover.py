@@ -90,7 +90,7 @@ def main(argv: list[str]) -> int:
 def _prepared(asked: Sequence[Request]) -> Iterator[tuple[Request, Panel, list[AnyModel]]]:
     """What is asked, with opened tables and models: all that can be refused is, before the first fit."""
     from credit.cli.recovery_data import resolved
-    from credit.cli.recovery_place import placed, settled, written
+    from credit.cli.recovery_place import placed, settled
     from credit.logged.mixers import saved_mixer
     from credit.logged.tables.opening import opened
     from credit.logged.tables.sources import MEMORY
@@ -109,7 +109,7 @@ def _prepared(asked: Sequence[Request]) -> Iterator[tuple[Request, Panel, list[A
         if one.launcher:
             _require_files(panels[words], one)
         models = one.ask.models(panels[words])
-        place = placed(one, written(one, settled(one, panels[words], models)), taken)
+        place = placed(settled(one, panels[words], models), taken)
         taken.append(place.folder)
         yield place, panels[words], models
 
@@ -151,14 +151,13 @@ def _one(asked: Request, panel: Panel, models: list[AnyModel]) -> None:
     explained(panel, models, asked)
     if asked.explain:
         return
-    from credit.cli.recovery_place import CONFIG, parameters, settled, written
+    from credit.cli.recovery_place import CONFIG, parameters, written
     from credit.cli.recovery_screen import progress
     from credit.logged.result import LoggedCredit
     from credit.logged.writing import Folder
 
-    tree = settled(asked, panel, models)
     with _kept(asked), progress(), _spread(asked), Folder.made(asked.folder, asked.words) as folder:
-        folder.write_text(CONFIG, written(asked, tree))
+        folder.write_text(CONFIG, written(asked))
         fitted = asked.ask.fit(panel, models)
         folder.write_model(fitted)  # first: Ctrl-C keeps it
         found = LoggedCredit.of(fitted)
@@ -168,7 +167,7 @@ def _one(asked: Request, panel: Panel, models: list[AnyModel]) -> None:
         from credit.tracking.report_run import log_folder
 
         metrics = found.metrics | found.worth
-        print(log_folder(asked.output, "recover", asked.name, asked.folder, metrics, dict(parameters(tree))))
+        print(log_folder(asked.output, "recover", asked.name, asked.folder, metrics, dict(parameters(asked.tree))))
 
 
 @contextmanager

@@ -33,7 +33,7 @@ def score(asked: Sequence[Request]) -> None:
 
 
 def _prepared(asked: Sequence[Request]) -> Iterator[tuple[Request, SavedModel, Table]]:
-    from credit.cli.recovery_place import placed, settled, written
+    from credit.cli.recovery_place import placed
     from credit.logged.saving import SavedModel
     from credit.logged.tables.again import opened_again
     from credit.logged.writing import Folder
@@ -43,7 +43,7 @@ def _prepared(asked: Sequence[Request]) -> Iterator[tuple[Request, SavedModel, T
         assert one.model is not None
         model = SavedModel.read(one.model)
         Folder.require_free(one.folder, keep_models=True)
-        place = placed(one, written(one, settled(one, None, ())), taken)
+        place = placed(one, taken)
         taken.append(place.folder)
         yield place, model, opened_again(one.data, one.ask.data, model.known, models=model.fitted.names)
 
@@ -65,20 +65,21 @@ def _explained(asked: Request, model: SavedModel, panel: Table) -> None:
 
 
 def _one(asked: Request, model: SavedModel, panel: Table) -> None:
-    from credit.cli.recovery_place import CONFIG, parameters, settled, written
+    from credit.cli.recovery_place import CONFIG, parameters, written
     from credit.logged.writing import Folder
 
     assert asked.model is not None
-    tree = settled(asked, None, ())
     with Folder.made(asked.folder, asked.words) as folder:
-        folder.write_text(CONFIG, written(asked, tree))
+        folder.write_text(CONFIG, written(asked))
         table = model.score(panel)
         folder.write_scored(table, asked.model, asked.format)
     _shown(table, asked)
     if asked.tracked:
         from credit.tracking.report_run import log_folder
 
-        print(log_folder(asked.output, "recover", asked.name, asked.folder, table.metrics, dict(parameters(tree))))
+        print(
+            log_folder(asked.output, "recover", asked.name, asked.folder, table.metrics, dict(parameters(asked.tree)))
+        )
 
 
 def _shown(table: ScoredTable, asked: Request) -> None:

@@ -24,29 +24,25 @@ OR_NONE = ("time", "group")  # which false leaves out
 Tree = dict[str, Any]
 
 
-def settled(asked: Request, panel: Panel | None, models: Sequence[AnyModel]) -> Tree:
-    """All keys of a recovery, those that were guessed and those that were typed; `from=FILE.yaml` reads them.
+def settled(asked: Request, panel: Panel, models: Sequence[AnyModel]) -> Request:
+    """The same with all keys, those that were guessed and those that were typed; `from=FILE.yaml` reads them.
 
     Args:
-        panel: the table; None where rows are scored. models: that are fitted to it.
+        panel: the table. models: that are fitted to it.
     """
+    from credit.logged.asking import REFERENCE
     from credit.logged.models import Model
     from credit.logged.panel import plain
 
-    tree: Tree = {}
-    if panel is not None:
-        tree = plain(asdict(asked.ask.options))
-        if _table(asked.data):
-            roles = {name: plain(value) for name in GUESSED if (value := getattr(panel.roles, name))}
-            tree["data"] = roles | {name: getattr(panel.roles, name) or False for name in OR_NONE}
-        for number, model in enumerate(models):
-            if isinstance(model, Model) and model.terms.formula:
-                found = {"formula": model.terms.formula}
-                if number:
-                    tree.setdefault("surrogates", {})[model.name] = found
-                else:
-                    tree["reference"] = found
-    return over(tree, plain(asked.tree))
+    tree: Tree = plain(asdict(asked.ask.options))
+    if _table(asked.data):
+        roles = {name: plain(value) for name in GUESSED if (value := getattr(panel.roles, name))}
+        tree["data"] = roles | {name: getattr(panel.roles, name) or False for name in OR_NONE}
+    for number, model in enumerate(models):
+        if isinstance(model, Model) and model.terms.formula:
+            under = tree.setdefault("surrogates", {}) if number else tree
+            under[model.name if number else REFERENCE] = {"formula": model.terms.formula}
+    return replace(asked, tree=over(tree, plain(asked.tree)))
 
 
 def over(under: Mapping[str, Any], typed: Mapping[str, Any]) -> Tree:
@@ -58,12 +54,12 @@ def over(under: Mapping[str, Any], typed: Mapping[str, Any]) -> Tree:
     return both
 
 
-def written(asked: Request, tree: Tree) -> str:
+def written(asked: Request) -> str:
     """The file: first the command that asks for the same again."""
     path = Path(asked.data)
     data = str(path.absolute()) if _table(asked.data) else asked.data
     model = f" --model {quote(str(asked.model))}" if asked.model is not None else f" from={CONFIG}"
-    return f"# credit recover {quote(data)}{model}\n{yaml.safe_dump(tree, allow_unicode=True, width=120)}"
+    return f"# credit recover {quote(data)}{model}\n{yaml.safe_dump(dict(asked.tree), allow_unicode=True, width=120)}"
 
 
 def parameters(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
@@ -76,18 +72,18 @@ def parameters(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str,
             yield name, str(value)
 
 
-def placed(asked: Request, text: str, taken: Sequence[Path] = ()) -> Request:
+def placed(asked: Request, taken: Sequence[Path] = ()) -> Request:
     """The same in a folder that holds no other recovery's result: NAME, or NAME-2, NAME-3 where no name was typed.
 
     Args:
-        text: of the configuration. taken: folders of recoveries before it.
+        asked: with all keys. taken: folders of recoveries before it.
 
     Raises:
         UserError: the name was typed, and another recovery has it; or something else lies there.
     """
     from credit.logged.writing import DONE, Folder
 
-    name, number = asked.name, 1
+    name, number, text = asked.name, 1, written(asked)
     while True:
         one = replace(asked, name=name if number == 1 else f"{name}-{number}")
         Folder.require_free(one.folder, keep_models=one.model is not None)

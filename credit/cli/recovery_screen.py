@@ -52,10 +52,11 @@ def explained(panel: Panel, models: Sequence[AnyModel], asked: Request) -> None:
 
 def _folds(panel: Panel, options: Options) -> str:
     """What labels will be held out in."""
-    count = len(folds_of(panel.windows, options.folds, options.gap or 0).of)
+    folds = folds_of(panel.windows, options.folds, options.gap or 0)
+    count = len(folds.of)
     if options.gap is None:
         return f"{count} contiguous folds with a gap as long as residuals hang together"
-    return f"{count} contiguous folds with a gap of {options.gap} windows"
+    return f"{count} contiguous folds with a gap of {folds.gap} windows"
 
 
 @contextmanager

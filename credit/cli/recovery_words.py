@@ -13,6 +13,7 @@ from credit.cli.recovery_data import is_csv, is_run, name_of, pattern_of
 from credit.cli.recovery_model import without_effect
 from credit.cli.recovery_parts import WORDS as MODELS
 from credit.cli.recovery_parts import models_of
+from credit.cli.recovery_place import over
 from credit.config import files, registry
 from credit.core.errors import UserError, nearest
 from credit.core.naming import is_name
@@ -42,7 +43,8 @@ class Request:
         output, name: the folder is OUTPUT/recover/NAME. format: of steps. tracked: whether it is logged to MLflow.
         model: the folder of a model that scores the rows; None: they are fitted. launcher: words that choose what runs
             passes over the table's files as jobs; none: this process. config_dirs: further folders of YAML files.
-        tree: keys that were typed, as nested mappings. named: whether the name was.
+        tree: keys that were typed, as nested mappings, and those that were guessed, once the table was seen. named:
+            whether the name was typed.
     """
 
     data: str
@@ -151,7 +153,7 @@ def _request(data: str, words: Sequence[str], flags: Sequence[str], paths: Seque
     launcher = tuple(word for word in words if word.lstrip("+").startswith("hydra"))
     tree = _tree([word for word in words if word not in launcher])
     if (file := tree.pop("from", None)) is not None:
-        tree = _merged(_file(file), tree)
+        tree = over(_file(file), tree)
     problems: list[str] = []
     own = {key: tree.pop(key) for key in OWN if key in tree}
     typed = deepcopy(tree)
@@ -260,11 +262,3 @@ def _file(file: Any) -> Tree:
         raise UserError(f"from={file}: there is no such file")
     found = files.read(path)
     return dict(found)
-
-
-def _merged(under: Tree, over: Tree) -> Tree:
-    both = dict(under)
-    for key, value in over.items():
-        old = both.get(key)
-        both[key] = _merged(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
-    return both

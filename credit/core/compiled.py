@@ -14,6 +14,8 @@ from typing import Any
 from numpy.typing import NDArray
 from torch import Tensor
 
+from credit.core.kept import kept
+
 
 class Loop:
     """A function of arrays and numbers, compiled when it is first called with tensors; as an ordinary one, it is slow.
@@ -36,19 +38,10 @@ class Loop:
     def __call__(self, *given: Tensor | NDArray[Any] | float) -> Any:
         """What the function makes of tensors on the processor, which it sees as arrays, of arrays and of numbers."""
         if self._compiled is None:
-            self._compiled = _compile(self.function)
+            self._compiled = kept(self.function)
         return self._compiled(*[value.numpy() if isinstance(value, Tensor) else value for value in given])
 
 
 def usable(tensor: Tensor) -> bool:
     """Whether a loop may take the place of tensor operations on what lies where this does."""
     return tensor.device.type == "cpu" and os.environ.get("NUMBA_DISABLE_JIT", "0") == "0"
-
-
-def _compile(function: Callable[..., Any]) -> Callable[..., Any]:
-    import numba  # half a second, for those that call a loop
-
-    try:
-        return numba.njit(cache=True)(function)
-    except RuntimeError:  # nowhere to keep what was compiled
-        return numba.njit(function)

@@ -6,21 +6,15 @@ function anew.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 from typing import Any
 
-import numba
 import numpy as np
 
-
-def _compiled(function: Callable[..., Any]) -> Any:
-    try:
-        return numba.njit(nogil=True, cache=True)(function)
-    except RuntimeError:  # nowhere to keep what was compiled
-        return numba.njit(nogil=True)(function)
+from credit.core.kept import kept
 
 
-@_compiled
+@partial(kept, nogil=True)
 def weigh(mse: Any, weight: Any, order: Any, alpha: Any, epsilon: Any) -> None:
     """Equations (12)–(14) for the finite proxies [M] of one place."""
     models = len(mse)
@@ -39,7 +33,7 @@ def weigh(mse: Any, weight: Any, order: Any, alpha: Any, epsilon: Any) -> None:
         weight[j] /= total
 
 
-@_compiled
+@partial(kept, nogil=True)
 def rows(
     p: Any,
     alpha: Any,

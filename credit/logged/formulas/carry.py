@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from credit.core.kept import kept
 from credit.logged.panel import Floats, Ints
 
 NOTHING = np.empty(0)
@@ -110,10 +111,5 @@ def _piecewise(x: Floats, breaks: Floats, coefficients: Floats, values: Floats) 
 
 @cache
 def _compiled(loop: Callable[..., Any]) -> Callable[..., Any]:
-    import numba  # half a second, for those who carry something
-
-    try:
-        compiled: Callable[..., Any] = numba.njit(cache=True, nogil=True)(loop)
-    except RuntimeError:  # nowhere to keep what was compiled
-        compiled = numba.njit(nogil=True)(loop)
+    compiled: Callable[..., Any] = kept(loop, nogil=True)
     return compiled
