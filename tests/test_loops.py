@@ -35,7 +35,7 @@ ROUNDING = 1e-11  # fits of rewards below 1: 1e-14 after 60 windows, and another
 def use(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Use:
     """Call with whether loops take the place of tensor operations."""
     if request.param == "python":
-        monkeypatch.setattr(compiled, "_compile", lambda function: function)
+        monkeypatch.setattr(compiled, "kept", lambda function: function)
         for loop in (follow, improve, sherman_morrison):
             monkeypatch.setattr(loop, "_compiled", None)
     return lambda looping: monkeypatch.setenv("NUMBA_DISABLE_JIT", "0" if looping else "1")
